@@ -1,0 +1,57 @@
+//! Where every surface point lies in the lightmap: scene → pages, charts, texels.
+//!
+//! Page coordinates are in texels, x to the right and y down (glTF's UV origin); the texel (x, y) covers the square
+//! from (x, y) to (x+1, y+1).
+
+mod texels;
+
+pub use texels::{NO_TEXEL, PageTexels, SurfacePoint, Texels};
+
+use glam::Vec2;
+use std::ops::Range;
+
+/// The layout of all charts on all pages.
+#[derive(Clone, Debug, Default)]
+pub struct Atlas {
+    /// Page sizes.
+    pub pages: Vec<Page>,
+    /// Charts, ordered by page, then instance.
+    pub charts: Vec<Chart>,
+    /// Per scene instance: where its triangles lie, or none if it has no lightmap.
+    pub layouts: Vec<Option<Layout>>,
+    /// Empty texels kept around every chart.
+    pub padding: u32,
+    /// Which tool unwrapped: `xatlas`, `uvunwrap` or `keep`.
+    pub unwrapper: &'static str,
+}
+
+/// Size of a lightmap page in texels.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Page {
+    /// Texels across.
+    pub width: u32,
+    /// Texels down.
+    pub height: u32,
+}
+
+/// Triangles of one instance that are connected in the atlas.
+#[derive(Clone, Debug)]
+pub struct Chart {
+    /// Scene instance.
+    pub instance: usize,
+    /// Page.
+    pub page: usize,
+    /// First and one-past-last texel column and row that the chart covers.
+    pub x: Range<u32>,
+    /// Rows.
+    pub y: Range<u32>,
+}
+
+/// Where the triangles of an instance lie.
+#[derive(Clone, Debug)]
+pub struct Layout {
+    /// Corner positions in page coordinates, per triangle of the instance's mesh.
+    pub corners: Vec<[Vec2; 3]>,
+    /// Index into [`Atlas::charts`] per triangle.
+    pub charts: Vec<u32>,
+}

@@ -1,0 +1,86 @@
+//! Lightmap texels as surface elements (surfels).
+
+use crate::scene::Rgb;
+use glam::{Vec2, Vec3};
+use std::ops::Range;
+
+/// Marks a page position that no chart covers.
+pub const NO_TEXEL: u32 = u32::MAX;
+
+/// All valid texels, chart by chart, within a chart in Morton order of their page position: every aligned
+/// 2ⁿ×2ⁿ block of a chart is one range of texels. Structure of arrays, one entry per texel.
+#[derive(Clone, Debug, Default)]
+pub struct Texels {
+    /// Page position.
+    pub pixel: Vec<[u16; 2]>,
+    /// Chart, index into `Atlas::charts`.
+    pub chart: Vec<u32>,
+    /// World position at the centroid of the covered part of the texel, on the surface.
+    pub position: Vec<Vec3>,
+    /// Unit shading normal, on the side of the geometric normal.
+    pub shading_normal: Vec<Vec3>,
+    /// Unit geometric normal of the front face.
+    pub geometric_normal: Vec<Vec3>,
+    /// World area covered, m².
+    pub area: Vec<f32>,
+    /// Share of the texel's square that its chart covers, 0 < c ≤ 1.
+    pub coverage: Vec<f32>,
+    /// Mean diffuse reflectance.
+    pub reflectance: Vec<Rgb>,
+    /// Mean radiance emitted by the front face, W/(m²·sr). Empty if nothing with a lightmap emits.
+    pub emission: Vec<Rgb>,
+    /// Texels of each chart.
+    pub charts: Vec<Range<u32>>,
+    /// Page position → texel.
+    pub pages: Vec<PageTexels>,
+    /// Start of each texel's run in `triangles`; one more entry than texels.
+    pub first_triangle: Vec<u32>,
+    /// Triangles (of the chart's instance) that overlap each texel, largest overlap first.
+    pub triangles: Vec<u32>,
+}
+
+/// Texel index per page position.
+#[derive(Clone, Debug)]
+pub struct PageTexels {
+    /// Texels across.
+    pub width: u32,
+    /// Texels down.
+    pub height: u32,
+    /// Row-major, [`NO_TEXEL`] where no chart covers.
+    pub texel: Vec<u32>,
+}
+
+/// A point on the surface inside a texel.
+#[derive(Clone, Copy, Debug)]
+pub struct SurfacePoint {
+    /// World position.
+    pub position: Vec3,
+    /// Unit geometric normal of the front face.
+    pub geometric_normal: Vec3,
+    /// Unit shading normal.
+    pub shading_normal: Vec3,
+}
+
+impl Texels {
+    /// Number of valid texels.
+    pub fn len(&self) -> usize {
+        self.pixel.len()
+    }
+
+    /// True if there is no texel.
+    pub fn is_empty(&self) -> bool {
+        self.pixel.is_empty()
+    }
+}
+
+impl PageTexels {
+    /// The texel that page coordinate `p` falls into.
+    pub fn at(&self, p: Vec2) -> Option<u32> {
+        let (x, y) = (p.x.floor(), p.y.floor());
+        if !(x >= 0.0 && y >= 0.0 && x < self.width as f32 && y < self.height as f32) {
+            return None;
+        }
+        let t = self.texel[y as usize * self.width as usize + x as usize];
+        (t != NO_TEXEL).then_some(t)
+    }
+}

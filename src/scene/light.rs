@@ -1,0 +1,71 @@
+//! Lamps, as the LIGHTKILN_scene contract defines them.
+
+use super::Rgb;
+use glam::Vec3;
+
+/// A lamp placed in the world. It shines along `-axes[2]` and occludes nothing.
+#[derive(Clone, Debug)]
+pub struct Light {
+    /// Name of the lamp.
+    pub name: String,
+    /// Path of its node.
+    pub path: String,
+    /// Light group.
+    pub group: Option<String>,
+    /// False: its light passes through everything.
+    pub casts_shadows: bool,
+    /// Centre, metres.
+    pub position: Vec3,
+    /// Orthonormal frame X, Y, Z in world space.
+    pub axes: [Vec3; 3],
+    /// Size and strength.
+    pub shape: LightShape,
+}
+
+/// Shape and radiometric strength. Sizes are in metres in the world.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum LightShape {
+    /// One-sided rectangle spanning X (width) and Y (height).
+    Rect {
+        /// W/(m²·sr).
+        radiance: Rgb,
+        /// Width and height.
+        size: [f32; 2],
+        /// Full angle of the beam, π for Lambertian.
+        spread: f32,
+    },
+    /// One-sided ellipse with diameters along X and Y.
+    Disk {
+        /// W/(m²·sr).
+        radiance: Rgb,
+        /// Diameters.
+        size: [f32; 2],
+        /// Full angle of the beam, π for Lambertian.
+        spread: f32,
+    },
+    /// A sphere, or a point if the radius is zero.
+    Point {
+        /// W/sr.
+        intensity: Rgb,
+        /// Radius of the sphere.
+        radius: f32,
+    },
+    /// A sphere whose intensity falls to zero towards the cone's edge.
+    Spot {
+        /// W/sr on the axis.
+        intensity: Rgb,
+        /// Radius of the sphere.
+        radius: f32,
+        /// Half angle of the cone.
+        outer_cone_angle: f32,
+        /// Share of the cone over which it fades (smoothstep).
+        blend: f32,
+    },
+    /// A far disc.
+    Sun {
+        /// W/m² on a surface that faces it.
+        irradiance: Rgb,
+        /// Full angle of the disc, radians.
+        angle: f32,
+    },
+}
