@@ -1,11 +1,26 @@
-//! Final gather: irradiance per texel.
+//! Final gather: irradiance per texel from lamps (sent, with shared visibility) and from everything else (probed).
+
+mod cells;
+mod direct;
+mod emitters;
+mod footprint;
+mod lamp;
+mod probe;
+mod source;
+
+pub use cells::{CellSettings, indirect};
+pub use direct::{DirectSettings, Lamps, element_direct, texel_direct};
+pub use emitters::{Emission, classify};
+pub use footprint::Footprint;
+pub use probe::{Probe, ProbeSettings};
+pub use source::Source;
 
 use crate::scene::Rgb;
 
 /// Irradiance of every texel, W/m², split by how the light came.
 #[derive(Clone, Debug, Default)]
 pub struct Lightmap {
-    /// Straight from lamps.
+    /// Straight from lamps and from emitters that are treated as lamps.
     pub direct: Vec<Rgb>,
     /// Everything: lamps, sky, emissive surfaces and all bounces.
     pub combined: Vec<Rgb>,

@@ -1,1 +1,7 @@
-//! math
+//! Arithmetic shared by every stage: hashing, low-discrepancy points, directions. Leaf module.
+
+mod direction;
+mod sequence;
+
+pub use direction::{cosine_hemisphere, orthonormal_basis, uniform_disk};
+pub use sequence::{Sequence, hash2, hash3, unit_float};

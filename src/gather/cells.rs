@@ -1,0 +1,402 @@
+//! Shares probes between texels: every chart is covered by cells with a probe at each corner; a cell whose corners
+//! do not foretell what lies between them is split, down to single texels.
+//!
+//! A probe depends on its texel alone and a cell on its own probes alone, so that any subset of charts can be gathered
+//! anywhere with the same bits.
+//! Based on: Ward, Rubinstein, Clear, "A Ray Tracing Solution for Diffuse Interreflection", 1988 (how far irradiance
+//! reaches follows from the harmonic mean distance to what is seen).
+
+use super::footprint::Footprint;
+use super::probe::{Probe, ProbeSettings};
+use super::source::Source;
+use crate::atlas::{Atlas, NO_TEXEL, Texels};
+use crate::progress::{Cancelled, Counter, Progress, Stage};
+use crate::scene::Rgb;
+use glam::{Vec2, Vec3};
+use rayon::prelude::*;
+
+/// Texels along a side of the largest cells.
+const SPACING: u32 = 16;
+/// Share of the irradiance that linear interpolation over one harmonic mean distance gets wrong.
+const CURVATURE: f32 = 0.06;
+/// Share of the difference between corners that may be curvature.
+const BEND: f32 = 0.08;
+/// Cosine of the largest angle between a texel's normal and the one interpolated for it.
+const COS_NORMAL: f32 = 0.99;
+
+/// How fine the cells become.
+#[derive(Clone, Copy, Debug)]
+pub struct CellSettings {
+    /// Relative error at which a cell is fine enough.
+    pub tolerance: f32,
+    /// Irradiance below which errors do not matter, W/m².
+    pub floor: f32,
+    /// How its probes gather.
+    pub probe: ProbeSettings,
+}
+
+/// A rectangle of texels with a probe at or near each corner. Page coordinates, bounds inclusive.
+#[derive(Clone)]
+struct Cell {
+    chart: u32,
+    x: [u32; 2],
+    y: [u32; 2],
+    /// Owns its last column and row.
+    closed: [bool; 2],
+    /// The cell it was cut from, if any: corners foretold by it tell its error.
+    parent: Option<Rect>,
+}
+
+/// Corner texels and the rectangle they span.
+#[derive(Clone)]
+struct Rect {
+    x: [u32; 2],
+    y: [u32; 2],
+    corners: [u32; 4],
+}
+
+/// What is known of all texels so far.
+struct State<'a> {
+    atlas: &'a Atlas,
+    texels: &'a Texels,
+    footprint: &'a Footprint<'a>,
+    /// Probe of each texel, `NO_PROBE` if it has none.
+    probe_of: Vec<u32>,
+    probes: Vec<Probe>,
+}
+
+const NO_PROBE: u32 = u32::MAX;
+
+/// Irradiance from everything but lamps at every texel, W/m².
+pub struct Indirect {
+    /// Per texel.
+    pub irradiance: Vec<Rgb>,
+    /// Probes gathered.
+    pub probes: usize,
+    /// Rays cast.
+    pub rays: u64,
+}
+
+/// Gathers at the corners of adaptive cells and interpolates between them.
+pub fn indirect(
+    source: &Source,
+    atlas: &Atlas,
+    texels: &Texels,
+    footprint: &Footprint,
+    settings: &CellSettings,
+    progress: &dyn Progress,
+) -> Result<Indirect, Cancelled> {
+    let mut state = State { atlas, texels, footprint, probe_of: vec![NO_PROBE; texels.len()], probes: Vec::new() };
+    let mut irradiance = vec![Rgb::ZERO; texels.len()];
+    let counter = Counter::new(progress, Stage::Gather, texels.len());
+    let mut cells: Vec<Cell> = (0..atlas.charts.len()).flat_map(|c| state.lattice(c)).collect();
+    while !cells.is_empty() {
+        let corners: Vec<[u32; 4]> = cells.par_iter().map(|c| state.corners(c)).collect();
+        state.gather(source, &corners, settings, progress)?;
+        let outcomes: Vec<Outcome> = cells
+            .par_iter()
+            .zip(&corners)
+            .map(|(cell, &corners)| {
+                let outcome = state.decide(cell, corners, settings);
+                if let Outcome::Done(values) = &outcome {
+                    counter.advance(values.len())?;
+                }
+                Ok(outcome)
+            })
+            .collect::<Result<_, Cancelled>>()?;
+        cells.clear();
+        for outcome in outcomes {
+            match outcome {
+                Outcome::Split(children) => cells.extend(children),
+                Outcome::Done(values) => {
+                    for (texel, value) in values {
+                        irradiance[texel as usize] = value;
+                    }
+                }
+            }
+        }
+    }
+    let rays = state.probes.iter().map(|p| p.rays as u64).sum();
+    Ok(Indirect { irradiance, probes: state.probes.len(), rays })
+}
+
+enum Outcome {
+    Split(Vec<Cell>),
+    Done(Vec<(u32, Rgb)>),
+}
+
+impl State<'_> {
+    /// The largest cells of a chart, evenly spaced between its first and last texels.
+    fn lattice(&self, chart: usize) -> Vec<Cell> {
+        let c = &self.atlas.charts[chart];
+        let lines = |range: &std::ops::Range<u32>| -> Vec<u32> {
+            let last = range.end.saturating_sub(range.start).saturating_sub(1);
+            let n = last.div_ceil(SPACING).max(1);
+            (0..=n).map(|i| range.start + (2 * i * last + n) / (2 * n)).collect()
+        };
+        if self.texels.charts[chart].is_empty() {
+            return Vec::new();
+        }
+        let (xs, ys) = (lines(&c.x), lines(&c.y));
+        let mut cells = Vec::new();
+        for (j, y) in ys.windows(2).enumerate() {
+            for (i, x) in xs.windows(2).enumerate() {
+                cells.push(Cell {
+                    chart: chart as u32,
+                    x: [x[0], x[1]],
+                    y: [y[0], y[1]],
+                    closed: [i + 2 == xs.len(), j + 2 == ys.len()],
+                    parent: None,
+                });
+            }
+        }
+        cells
+    }
+
+    /// Texel at a page position if it belongs to the chart.
+    fn texel(&self, chart: u32, x: u32, y: u32) -> Option<u32> {
+        let page = &self.texels.pages[self.atlas.charts[chart as usize].page];
+        let t = page.texel[y as usize * page.width as usize + x as usize];
+        (t != NO_TEXEL && self.texels.charts[chart as usize].contains(&t)).then_some(t)
+    }
+
+    /// The usable texels of the cell nearest to its corners: left and right of the first row, then of the last.
+    fn corners(&self, cell: &Cell) -> [u32; 4] {
+        let usable = |x, y| self.texel(cell.chart, x, y).filter(|&t| !self.footprint.is_hidden(t));
+        std::array::from_fn(|k| {
+            let (cx, cy) = (cell.x[k & 1], cell.y[k >> 1]);
+            if let Some(t) = usable(cx, cy) {
+                return t;
+            }
+            let mut best = (u32::MAX, NO_TEXEL);
+            for y in cell.y[0]..=cell.y[1] {
+                for x in cell.x[0]..=cell.x[1] {
+                    let d = x.abs_diff(cx).pow(2) + y.abs_diff(cy).pow(2);
+                    if d < best.0
+                        && let Some(t) = usable(x, y)
+                    {
+                        best = (d, t);
+                    }
+                }
+            }
+            best.1
+        })
+    }
+
+    /// Gathers the probes that the cells' corners still lack.
+    fn gather(
+        &mut self,
+        source: &Source,
+        corners: &[[u32; 4]],
+        settings: &CellSettings,
+        progress: &dyn Progress,
+    ) -> Result<(), Cancelled> {
+        let mut wanted: Vec<u32> = corners
+            .iter()
+            .flatten()
+            .copied()
+            .filter(|&t| t != NO_TEXEL && self.probe_of[t as usize] == NO_PROBE)
+            .collect();
+        wanted.sort_unstable();
+        wanted.dedup();
+        let footprint = self.footprint;
+        let new: Vec<Probe> = wanted
+            .par_iter()
+            .map(|&t| {
+                let probe = Probe::gather(source, footprint, t, &settings.probe);
+                if progress.is_cancelled() { Err(Cancelled) } else { Ok(probe) }
+            })
+            .collect::<Result<_, Cancelled>>()?;
+        for (&t, probe) in wanted.iter().zip(new) {
+            self.probe_of[t as usize] = self.probes.len() as u32;
+            self.probes.push(probe);
+        }
+        Ok(())
+    }
+
+    fn probe(&self, texel: u32) -> &Probe {
+        &self.probes[self.probe_of[texel as usize] as usize]
+    }
+
+    /// Splits the cell, or interpolates its texels.
+    fn decide(&self, cell: &Cell, corners: [u32; 4], settings: &CellSettings) -> Outcome {
+        let owned = self.owned(cell);
+        if owned.is_empty() {
+            return Outcome::Done(Vec::new());
+        }
+        if corners[0] == NO_TEXEL {
+            // Nothing in reach can be lit.
+            return Outcome::Done(owned.into_iter().map(|(t, _)| (t, Rgb::ZERO)).collect());
+        }
+        let blend = Blend::new(self, &Rect { x: cell.x, y: cell.y, corners });
+        let splittable = cell.x[1] - cell.x[0] > 1 || cell.y[1] - cell.y[0] > 1;
+        if splittable && !self.is_fine(cell, corners, &owned, &blend, settings) {
+            return Outcome::Split(split(cell, corners));
+        }
+        let value = |(t, p): (u32, Vec2)| {
+            let e = match self.probe_of[t as usize] {
+                NO_PROBE => blend.value(p, |k| self.probe(corners[k]).irradiance).max(Rgb::ZERO),
+                own => self.probes[own as usize].irradiance,
+            };
+            (t, e)
+        };
+        Outcome::Done(owned.into_iter().map(value).collect())
+    }
+
+    /// Texels that the cell must fill, with their page positions.
+    fn owned(&self, cell: &Cell) -> Vec<(u32, Vec2)> {
+        let end = |a: [u32; 2], closed: bool| if closed { a[1] + 1 } else { a[1] };
+        let mut out = Vec::new();
+        for y in cell.y[0]..end(cell.y, cell.closed[1]) {
+            for x in cell.x[0]..end(cell.x, cell.closed[0]) {
+                if let Some(t) = self.texel(cell.chart, x, y) {
+                    out.push((t, Vec2::new(x as f32, y as f32)));
+                }
+            }
+        }
+        out
+    }
+
+    /// True if interpolation between the corners is expected to stay within the tolerance.
+    fn is_fine(
+        &self,
+        cell: &Cell,
+        corners: [u32; 4],
+        owned: &[(u32, Vec2)],
+        blend: &Blend,
+        settings: &CellSettings,
+    ) -> bool {
+        let t = self.texels;
+        let probes = corners.map(|c| self.probe(c));
+        let values = probes.map(|p| p.irradiance.element_sum() / 3.0);
+        let mean = values.iter().sum::<f32>() / 4.0;
+        let tolerance = settings.tolerance * (mean + settings.floor);
+        let noise = probes.iter().map(|p| p.error).fold(0.0, f32::max);
+        let low = values.iter().copied().fold(f32::INFINITY, f32::min);
+        let high = values.iter().copied().fold(0.0, f32::max);
+        let position = |k: usize| t.position[corners[k] as usize];
+        let size = position(0).distance(position(3)).max(position(1).distance(position(2))) * 0.7;
+        let reach = probes.iter().map(|p| p.distance).fold(f32::INFINITY, f32::min);
+        let ratio = size / reach.max(1e-12);
+        let mut expected = CURVATURE * ratio * ratio * mean + BEND * (high - low - 2.0 * noise).max(0.0);
+        if let Some(parent) = &cell.parent {
+            let foretold = Blend::new(self, parent);
+            let miss = (0..4)
+                .map(|k| {
+                    let [x, y] = t.pixel[corners[k] as usize].map(f32::from);
+                    let told = foretold.value(Vec2::new(x, y), |k| self.probe(parent.corners[k]).irradiance);
+                    (told.element_sum() / 3.0 - values[k]).abs()
+                })
+                .fold(0.0, f32::max);
+            // Halving a cell quarters its curvature; what was foretold well needs no further cut.
+            expected = expected.min(0.5 * miss);
+        }
+        if expected > tolerance {
+            return false;
+        }
+        // Folds and steps in the surface show in normals and positions before they show in light.
+        let slack = 0.02 * reach + 0.25 * size / (cell.x[1] - cell.x[0]).max(cell.y[1] - cell.y[0]).max(1) as f32;
+        owned.iter().all(|&(texel, p)| {
+            let n = blend.value(p, |k| t.shading_normal[corners[k] as usize]);
+            let at = blend.value(p, |k| t.position[corners[k] as usize]);
+            let i = texel as usize;
+            n.dot(t.shading_normal[i]) >= COS_NORMAL * n.length()
+                && at.distance(t.position[i]) <= slack.max(size * 0.25)
+        })
+    }
+}
+
+/// Cuts a cell at its middle lines.
+fn split(cell: &Cell, corners: [u32; 4]) -> Vec<Cell> {
+    let halves = |a: [u32; 2], closed: bool| -> Vec<([u32; 2], bool)> {
+        if a[1] - a[0] > 1 {
+            let middle = (a[0] + a[1]) / 2;
+            vec![([a[0], middle], false), ([middle, a[1]], closed)]
+        } else {
+            vec![(a, closed)]
+        }
+    };
+    let parent = Rect { x: cell.x, y: cell.y, corners };
+    let mut children = Vec::new();
+    for (y, close_y) in halves(cell.y, cell.closed[1]) {
+        for (x, close_x) in halves(cell.x, cell.closed[0]) {
+            children.push(Cell { chart: cell.chart, x, y, closed: [close_x, close_y], parent: Some(parent.clone()) });
+        }
+    }
+    children
+}
+
+/// Interpolation from four corners that reproduces linear functions of the page position.
+enum Blend {
+    /// Probes sit at the corners of the rectangle.
+    Bilinear { origin: Vec2, scale: Vec2 },
+    /// Probes were moved: the plane that fits them best. Rows give value, slope in x and slope in y from the corners.
+    Plane { centre: Vec2, rows: [[f32; 4]; 3] },
+}
+
+impl Blend {
+    fn new(state: &State, rect: &Rect) -> Self {
+        let at: [Vec2; 4] = rect.corners.map(|t| {
+            let [x, y] = state.texels.pixel[t as usize].map(f32::from);
+            Vec2::new(x, y)
+        });
+        let exact = (0..4).all(|k| at[k] == Vec2::new(rect.x[k & 1] as f32, rect.y[k >> 1] as f32));
+        if exact {
+            let size = at[3] - at[0];
+            return Blend::Bilinear { origin: at[0], scale: 1.0 / size.max(Vec2::ONE) };
+        }
+        Self::plane(at)
+    }
+
+    fn plane(at: [Vec2; 4]) -> Self {
+        let centre = (at[0] + at[1] + at[2] + at[3]) / 4.0;
+        let d = at.map(|p| p - centre);
+        let (mut xx, mut xy, mut yy) = (0.0, 0.0, 0.0);
+        for p in d {
+            xx += p.x * p.x;
+            xy += p.x * p.y;
+            yy += p.y * p.y;
+        }
+        // A little stiffness keeps slopes finite where the probes lie on a line or in one place.
+        let stiff = 0.01 * (xx + yy) + 0.25;
+        let (xx, yy) = (xx + stiff, yy + stiff);
+        let det = xx * yy - xy * xy;
+        let rows = [[0.25; 4], d.map(|p| (yy * p.x - xy * p.y) / det), d.map(|p| (xx * p.y - xy * p.x) / det)];
+        Blend::Plane { centre, rows }
+    }
+
+    fn weights(&self, p: Vec2) -> [f32; 4] {
+        match self {
+            Blend::Bilinear { origin, scale } => {
+                let f = ((p - *origin) * *scale).clamp(Vec2::ZERO, Vec2::ONE);
+                [(1.0 - f.x) * (1.0 - f.y), f.x * (1.0 - f.y), (1.0 - f.x) * f.y, f.x * f.y]
+            }
+            Blend::Plane { centre, rows } => {
+                let d = p - *centre;
+                std::array::from_fn(|k| rows[0][k] + rows[1][k] * d.x + rows[2][k] * d.y)
+            }
+        }
+    }
+
+    fn value(&self, p: Vec2, corner: impl Fn(usize) -> Vec3) -> Vec3 {
+        let w = self.weights(p);
+        corner(0) * w[0] + corner(1) * w[1] + corner(2) * w[2] + corner(3) * w[3]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn planes_reproduce_linear_functions() {
+        let at = [Vec2::new(1.0, 0.0), Vec2::new(9.0, 1.0), Vec2::new(0.0, 7.0), Vec2::new(8.0, 9.0)];
+        let f = |p: Vec2| Vec3::splat(3.0 + 0.5 * p.x - 0.25 * p.y);
+        let blend = Blend::plane(at);
+        let p = Vec2::new(4.0, 5.0);
+        let got = blend.value(p, |k| f(at[k]));
+        assert!((got - f(p)).length() < 0.1, "{got}");
+        let constant = blend.value(p, |_| Vec3::ONE);
+        assert!((constant - Vec3::ONE).length() < 1e-5);
+    }
+}

@@ -1,0 +1,240 @@
+//! Light that comes straight from lamps: unoccluded irradiance in closed form times visibility.
+//!
+//! Visibility is sampled sparsely where a texel and its neighbours agree that the lamp is wholly seen or wholly
+//! blocked, and densely, over the texel's area and the lamp's, where they do not: in penumbrae and at shadow edges.
+
+use super::footprint::Footprint;
+use super::lamp::Lamp;
+use crate::accel::{Accel, Ray, offset_origin};
+use crate::atlas::{NO_TEXEL, SurfacePoint, Texels};
+use crate::hierarchy::{Element, Side, Surfels};
+use crate::math::{Sequence, hash2, hash3};
+use crate::progress::{Cancelled, Counter, Progress, Stage};
+use crate::scene::Rgb;
+use crate::transport::SELF_INTERSECTION;
+use rayon::prelude::*;
+use std::sync::atomic::{AtomicU64, Ordering};
+
+/// Texels per parallel task.
+const CHUNK: usize = 1024;
+
+/// How many shadow rays are cast.
+#[derive(Clone, Copy, Debug)]
+pub struct DirectSettings {
+    /// Rays of every texel to every lamp.
+    pub base: u32,
+    /// Rays of a texel whose neighbourhood disagrees.
+    pub edge: u32,
+    /// Rays of a texel that sees part of the lamp.
+    pub penumbra: u32,
+}
+
+impl DirectSettings {
+    /// Settings whose noise stays below a relative error of the whole lightmap.
+    pub fn for_error(error: f32) -> Self {
+        let penumbra = (1.3 / error).clamp(16.0, 1024.0) as u32;
+        Self { base: 4, edge: 16, penumbra: penumbra.next_power_of_two() }
+    }
+}
+
+/// All lamps with what they need to be tested.
+pub struct Lamps<'a> {
+    /// The lamps.
+    pub lamps: Vec<Lamp>,
+    /// Ray queries.
+    pub accel: &'a Accel<'a>,
+}
+
+/// What a texel sees of a lamp.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Seen {
+    /// The lamp cannot light the texel.
+    Never,
+    Blocked,
+    Open,
+    Part,
+}
+
+/// Sums over the samples of one receiver: what arrives, and what would arrive.
+#[derive(Clone, Copy, Default)]
+struct Visibility {
+    open: Rgb,
+    all: Rgb,
+}
+
+impl Visibility {
+    fn seen(&self) -> Seen {
+        if self.all.max_element() <= 0.0 {
+            Seen::Never
+        } else if self.open == self.all {
+            Seen::Open
+        } else if self.open == Rgb::ZERO {
+            Seen::Blocked
+        } else {
+            Seen::Part
+        }
+    }
+
+    /// Unblocked share per channel.
+    fn share(&self) -> Rgb {
+        Rgb::from_array(std::array::from_fn(|c| if self.all[c] > 0.0 { self.open[c] / self.all[c] } else { 0.0 }))
+    }
+}
+
+impl Lamps<'_> {
+    /// Casts one ray per sample `indices` of `lamp` from points of one receiver.
+    fn test(
+        &self,
+        lamp: usize,
+        seed: u32,
+        indices: std::ops::Range<u32>,
+        point: impl Fn(glam::Vec2) -> SurfacePoint,
+        sum: &mut Visibility,
+    ) -> u64 {
+        let lamp_ref = &self.lamps[lamp];
+        let sequence = Sequence::new(hash2(seed, lamp as u32));
+        let mut rays = 0;
+        for i in indices {
+            let p = point(sequence.second(i));
+            let Some(sample) = lamp_ref.sample(p.position, p.shading_normal, sequence.first(i)) else { continue };
+            sum.all += sample.weight;
+            if sample.direction.dot(p.geometric_normal) <= 0.0 {
+                continue;
+            }
+            rays += 1;
+            let ray = Ray {
+                origin: offset_origin(p.position, p.geometric_normal),
+                direction: sample.direction,
+                t_min: 0.0,
+                t_max: sample.distance * (1.0 - SELF_INTERSECTION),
+            };
+            if !lamp_ref.casts_shadows || !self.accel.occluded(&ray) {
+                sum.open += sample.weight;
+            }
+        }
+        rays
+    }
+
+    /// Irradiance from all lamps averaged over points, with `rays` rays per lamp.
+    fn mean(&self, points: &[SurfacePoint], seed: u32, rays: u32) -> Rgb {
+        let mut total = Rgb::ZERO;
+        for lamp in 0..self.lamps.len() {
+            let free: Rgb =
+                points.iter().map(|p| self.lamps[lamp].unoccluded(p.position, p.shading_normal)).sum::<Rgb>()
+                    / points.len() as f32;
+            if free.max_element() <= 0.0 {
+                continue;
+            }
+            let mut sum = Visibility::default();
+            let pick = |u: glam::Vec2| points[((u.x * points.len() as f32) as usize).min(points.len() - 1)];
+            self.test(lamp, seed, 0..rays, pick, &mut sum);
+            total += free * sum.share();
+        }
+        total
+    }
+}
+
+/// Irradiance of every texel straight from the lamps, W/m², and the number of rays cast.
+pub fn texel_direct(
+    lamps: &Lamps,
+    texels: &Texels,
+    footprint: &Footprint,
+    settings: &DirectSettings,
+    progress: &dyn Progress,
+) -> Result<(Vec<Rgb>, u64), Cancelled> {
+    let mut irradiance = vec![Rgb::ZERO; texels.len()];
+    let counter = Counter::new(progress, Stage::Direct, texels.len() * lamps.lamps.len() * 2);
+    let rays = AtomicU64::new(0);
+    let mut first = vec![Visibility::default(); texels.len()];
+    for lamp in 0..lamps.lamps.len() {
+        first.par_chunks_mut(CHUNK).enumerate().try_for_each(|(chunk, sums)| {
+            let mut cast = 0;
+            for (i, sum) in sums.iter_mut().enumerate() {
+                let texel = (chunk * CHUNK + i) as u32;
+                *sum = Visibility::default();
+                let point = |u| footprint.point(texel, u);
+                cast += lamps.test(lamp, texel, 0..settings.base, point, sum);
+            }
+            rays.fetch_add(cast, Ordering::Relaxed);
+            counter.advance(sums.len())
+        })?;
+        irradiance.par_chunks_mut(CHUNK).enumerate().try_for_each(|(chunk, out)| {
+            let mut cast = 0;
+            for (i, e) in out.iter_mut().enumerate() {
+                let texel = (chunk * CHUNK + i) as u32;
+                let centre = footprint.centre(texel);
+                let free = lamps.lamps[lamp].unoccluded(centre.position, centre.shading_normal);
+                if free.max_element() <= 0.0 && first[texel as usize].seen() == Seen::Never {
+                    continue;
+                }
+                let mut sum = first[texel as usize];
+                if sum.seen() == Seen::Part || disagrees(texels, &first, texel) {
+                    let point = |u| footprint.point(texel, u);
+                    cast += lamps.test(lamp, texel, settings.base..settings.edge, point, &mut sum);
+                    if sum.seen() == Seen::Part {
+                        cast += lamps.test(lamp, texel, settings.edge..settings.penumbra, point, &mut sum);
+                    }
+                }
+                *e += free * sum.share();
+            }
+            rays.fetch_add(cast, Ordering::Relaxed);
+            counter.advance(out.len())
+        })?;
+    }
+    Ok((irradiance, rays.into_inner()))
+}
+
+/// True if a neighbour on the same chart sees the lamp differently.
+fn disagrees(texels: &Texels, first: &[Visibility], texel: u32) -> bool {
+    let t = texel as usize;
+    let own = first[t].seen();
+    let chart = texels.chart[t] as usize;
+    let range = &texels.charts[chart];
+    let page = &texels.pages[texels.page_of_chart[chart] as usize];
+    let [x, y] = texels.pixel[t].map(i64::from);
+    for dy in -1..=1 {
+        for dx in -1..=1 {
+            let (nx, ny) = (x + dx, y + dy);
+            if nx < 0 || ny < 0 || nx >= page.width as i64 || ny >= page.height as i64 {
+                continue;
+            }
+            let n = page.texel[(ny * page.width as i64 + nx) as usize];
+            if n != NO_TEXEL && range.contains(&n) && first[n as usize].seen() != own {
+                return true;
+            }
+        }
+    }
+    false
+}
+
+/// Irradiance of elements straight from the lamps, W/m²: the texels' mean for fronts of charts, sampled with `rays`
+/// rays per lamp elsewhere.
+pub fn element_direct(
+    lamps: &Lamps,
+    surfels: &Surfels,
+    elements: &[Element],
+    texel_direct: &[Rgb],
+    rays: u32,
+) -> Vec<Rgb> {
+    let texel_count = surfels.texels.len() as u32;
+    elements
+        .par_iter()
+        .enumerate()
+        .map(|(index, element)| {
+            if element.side == Side::Front && element.surfels.end <= texel_count {
+                let area = |s: u32| surfels.area(s);
+                let total: f32 = element.surfels.clone().map(area).sum();
+                return element.surfels.clone().map(|s| texel_direct[s as usize] * area(s)).sum::<Rgb>() / total;
+            }
+            let points: Vec<SurfacePoint> = element
+                .surfels
+                .clone()
+                .map(|s| {
+                    let normal = if element.side == Side::Front { surfels.normal(s) } else { -surfels.normal(s) };
+                    SurfacePoint { position: surfels.position(s), geometric_normal: normal, shading_normal: normal }
+                })
+                .collect();
+            lamps.mean(&points, hash3(index as u32, 0xe1e, 0), rays)
+        })
+        .collect()
+}

@@ -1,0 +1,161 @@
+//! Which part of every texel can be lit: covered by its chart and not inside other geometry.
+
+use crate::accel::{Accel, Ray, offset_origin};
+use crate::atlas::{Atlas, SurfacePoint, Texels};
+use crate::math::orthonormal_basis;
+use crate::progress::{Cancelled, Progress};
+use crate::scene::Scene;
+use glam::{Vec2, Vec3};
+use rayon::prelude::*;
+
+/// A texel's square is looked at on a grid of this many cells along a side.
+const GRID: u32 = 4;
+/// Texels per parallel task.
+const CHUNK: usize = 4096;
+
+/// The usable part of every texel, as a grid of cells.
+pub struct Footprint<'a> {
+    scene: &'a Scene,
+    atlas: &'a Atlas,
+    texels: &'a Texels,
+    /// Bit `y·4 + x`: the cell's centre is covered and free.
+    cells: Vec<u16>,
+    /// Texels that lie wholly inside other geometry.
+    hidden: Vec<bool>,
+}
+
+impl<'a> Footprint<'a> {
+    /// Tests every texel: against its chart by sampling, against other geometry by rays.
+    pub fn new(
+        accel: &Accel<'a>,
+        atlas: &'a Atlas,
+        texels: &'a Texels,
+        progress: &dyn Progress,
+    ) -> Result<Self, Cancelled> {
+        let scene = accel.scene();
+        let hideable = has_solids(scene);
+        let mut cells = vec![0u16; texels.len()];
+        let mut hidden = vec![false; texels.len()];
+        cells.par_chunks_mut(CHUNK).zip(hidden.par_chunks_mut(CHUNK)).enumerate().try_for_each(
+            |(chunk, (cells, hidden))| {
+                for (i, (cell, hidden)) in cells.iter_mut().zip(hidden).enumerate() {
+                    let texel = (chunk * CHUNK + i) as u32;
+                    let covered = covered_cells(scene, atlas, texels, texel);
+                    *cell = covered;
+                    if hideable {
+                        let free = free_cells(accel, atlas, texels, texel, covered);
+                        *hidden = covered != 0 && free == 0;
+                        *cell = if free == 0 { covered } else { free };
+                    }
+                }
+                if progress.is_cancelled() { Err(Cancelled) } else { Ok(()) }
+            },
+        )?;
+        Ok(Self { scene, atlas, texels, cells, hidden })
+    }
+
+    /// True if all of the texel lies inside other geometry.
+    pub fn is_hidden(&self, texel: u32) -> bool {
+        self.hidden[texel as usize]
+    }
+
+    /// A point of the texel's usable part from `u` in the unit square; uniform over it.
+    pub fn point(&self, texel: u32, u: Vec2) -> SurfacePoint {
+        let mask = self.cells[texel as usize];
+        let offset = if mask == u16::MAX {
+            u
+        } else if mask != 0 {
+            // The u.x axis runs through the set cells, its remainder and u.y place the point in the cell.
+            let count = mask.count_ones();
+            let scaled = u.x * count as f32;
+            let index = (scaled as u32).min(count - 1);
+            let bit = nth_set_bit(mask, index);
+            let corner = Vec2::new((bit % GRID) as f32, (bit / GRID) as f32);
+            (corner + Vec2::new(scaled - index as f32, u.y)) / GRID as f32
+        } else {
+            return self.centre(texel);
+        };
+        self.texels.sample(self.scene, self.atlas, texel, offset).unwrap_or_else(|| self.centre(texel))
+    }
+
+    /// The texel's centroid.
+    pub fn centre(&self, texel: u32) -> SurfacePoint {
+        let t = texel as usize;
+        SurfacePoint {
+            position: self.texels.position[t],
+            geometric_normal: self.texels.geometric_normal[t],
+            shading_normal: self.texels.shading_normal[t],
+        }
+    }
+}
+
+/// True if anything in the scene has an inside, or a back that is no surface.
+fn has_solids(scene: &Scene) -> bool {
+    scene.instances.iter().any(|i| {
+        let mesh = &scene.meshes[i.mesh];
+        mesh.closed || mesh.primitives.iter().any(|p| !scene.materials[p.material].double_sided)
+    })
+}
+
+fn cell_centre(bit: u32) -> Vec2 {
+    (Vec2::new((bit % GRID) as f32, (bit / GRID) as f32) + Vec2::splat(0.5)) / GRID as f32
+}
+
+fn covered_cells(scene: &Scene, atlas: &Atlas, texels: &Texels, texel: u32) -> u16 {
+    if texels.coverage[texel as usize] > 0.999 {
+        return u16::MAX;
+    }
+    (0..GRID * GRID)
+        .filter(|&bit| texels.sample(scene, atlas, texel, cell_centre(bit)).is_some())
+        .fold(0, |mask, bit| mask | 1 << bit)
+}
+
+/// The covered cells that are not inside other geometry. Cells are looked at only where the texel's centre, or what
+/// is close to it, asks for it.
+fn free_cells(accel: &Accel, atlas: &Atlas, texels: &Texels, texel: u32, covered: u16) -> u16 {
+    let t = texel as usize;
+    let (position, normal) = (texels.position[t], texels.geometric_normal[t]);
+    let reach = texels.area[t].sqrt();
+    if !near_surface(accel, position, normal, reach) && !is_inside(accel, position, normal) {
+        return covered;
+    }
+    (0..GRID * GRID)
+        .filter(|&bit| covered >> bit & 1 == 1)
+        .filter(|&bit| {
+            let point = texels.sample(accel.scene(), atlas, texel, cell_centre(bit));
+            point.is_none_or(|p| !is_inside(accel, p.position, p.geometric_normal))
+        })
+        .fold(0, |mask, bit| mask | 1 << bit)
+}
+
+/// True if another surface crosses the texel: something lies within a texel's reach across the surface.
+fn near_surface(accel: &Accel, position: Vec3, normal: Vec3, reach: f32) -> bool {
+    let (x, y) = orthonormal_basis(normal);
+    let origin = offset_origin(position, normal);
+    [x, -x, y, -y].iter().any(|&direction| accel.occluded(&Ray { origin, direction, t_min: 0.0, t_max: reach }))
+}
+
+/// True if most of what is seen from the point is the back of a solid.
+fn is_inside(accel: &Accel, position: Vec3, normal: Vec3) -> bool {
+    let origin = offset_origin(position, normal);
+    let sees_back = |direction: Vec3| {
+        accel.closest(&Ray { origin, direction, t_min: 0.0, t_max: f32::INFINITY }).is_some_and(|hit| {
+            let mesh = accel.scene().instances[hit.instance as usize].mesh;
+            let solid = accel.scene().meshes[mesh].closed
+                || !accel.scene().material_of(mesh, hit.triangle as usize).double_sided;
+            solid && hit.normal.dot(direction) > 0.0
+        })
+    };
+    if !sees_back(normal) {
+        return false;
+    }
+    let (x, y) = orthonormal_basis(normal);
+    [x, -x, y, -y].iter().filter(|&&side| sees_back((normal + side).normalize())).count() >= 3
+}
+
+fn nth_set_bit(mut mask: u16, n: u32) -> u32 {
+    for _ in 0..n {
+        mask &= mask - 1;
+    }
+    mask.trailing_zeros()
+}

@@ -1,0 +1,102 @@
+//! What a gather ray sees: the radiance of the coarse solution, refined by each texel's own direct light.
+
+use super::emitters::Emission;
+use crate::accel::{Accel, Hit, Ray};
+use crate::atlas::Atlas;
+use crate::hierarchy::{Hierarchy, Side, Surfels};
+use crate::scene::Rgb;
+use glam::Vec3;
+use half::f16;
+use rayon::prelude::*;
+use std::f32::consts::FRAC_1_PI;
+
+/// The scene as a source of light.
+pub struct Source<'a> {
+    /// Ray queries.
+    pub accel: &'a Accel<'a>,
+    atlas: &'a Atlas,
+    surfels: &'a Surfels<'a>,
+    hierarchy: &'a Hierarchy,
+    emission: &'a Emission,
+    /// Reflected radiance of every surfel's front, W/(m²·sr).
+    front: Vec<[f16; 3]>,
+    /// Reflected radiance of every element, W/(m²·sr).
+    elements: Vec<Rgb>,
+    /// Area of every element, m².
+    areas: Vec<f32>,
+}
+
+impl<'a> Source<'a> {
+    /// `direct` is the irradiance of every texel straight from lamps; `element_direct` and `element_rest` are the
+    /// irradiance of every element from lamps and from everything else, all in W/m².
+    pub fn new(
+        accel: &'a Accel<'a>,
+        atlas: &'a Atlas,
+        surfels: &'a Surfels<'a>,
+        hierarchy: &'a Hierarchy,
+        emission: &'a Emission,
+        direct: &[Rgb],
+        element_direct: &[Rgb],
+        element_rest: &[Rgb],
+    ) -> Self {
+        let radiance = |s: u32, e: Rgb| (e * surfels.reflectance(s) * FRAC_1_PI).min(Rgb::splat(f16::MAX.to_f32()));
+        let front: Vec<[f16; 3]> = (0..surfels.len() as u32)
+            .into_par_iter()
+            .map(|s| {
+                let Some(e) = hierarchy.element_of(s, Side::Front) else { return [f16::ZERO; 3] };
+                let own = direct.get(s as usize).copied().unwrap_or(element_direct[e as usize]);
+                radiance(s, own + element_rest[e as usize]).to_array().map(f16::from_f32)
+            })
+            .collect();
+        let (elements, areas) = hierarchy
+            .elements
+            .par_iter()
+            .enumerate()
+            .map(|(i, element)| {
+                let mut sum = Rgb::ZERO;
+                let mut area = 0.0;
+                for s in element.surfels.clone() {
+                    let a = surfels.area(s);
+                    area += a;
+                    sum += a * match element.side {
+                        Side::Front => Rgb::from_array(front[s as usize].map(f16::to_f32)),
+                        Side::Back => radiance(s, element_direct[i] + element_rest[i]),
+                    };
+                }
+                (sum / area.max(f32::MIN_POSITIVE), area)
+            })
+            .unzip();
+        Self { accel, atlas, surfels, hierarchy, emission, front, elements, areas }
+    }
+
+    /// Radiance arriving along a ray that stands for `solid_angle` sr, and the distance to where it comes from.
+    pub fn radiance(&self, origin: Vec3, direction: Vec3, solid_angle: f32) -> (Rgb, f32) {
+        let ray = Ray { origin, direction, t_min: 0.0, t_max: f32::INFINITY };
+        match self.accel.closest(&ray) {
+            Some(hit) => (self.leaving(&hit, direction, solid_angle), hit.t),
+            None => (self.accel.scene().environment.radiance(direction), f32::INFINITY),
+        }
+    }
+
+    /// Radiance that leaves a hit point against `direction`.
+    fn leaving(&self, hit: &Hit, direction: Vec3, solid_angle: f32) -> Rgb {
+        let scene = self.accel.scene();
+        let (instance, triangle) = (hit.instance as usize, hit.triangle as usize);
+        let cosine = -hit.normal.dot(direction);
+        let side = if cosine >= 0.0 { Side::Front } else { Side::Back };
+        if side == Side::Back && !scene.material_of(scene.instances[instance].mesh, triangle).double_sided {
+            return Rgb::ZERO;
+        }
+        let own = self.emission.seen(scene, instance, triangle, hit.barycentric);
+        let Some(surfel) = self.surfels.at(self.atlas, instance, triangle, hit.barycentric) else { return own };
+        let Some(element) = self.hierarchy.element_of(surfel, side) else { return own };
+        let footprint = solid_angle * hit.t * hit.t / cosine.abs().max(0.05);
+        // The ray stands for a patch of the surface: its mean is what the ray should bring, not one texel of it.
+        let reflected = if side == Side::Back || footprint > self.areas[element as usize] {
+            self.elements[element as usize]
+        } else {
+            Rgb::from_array(self.front[surfel as usize].map(f16::to_f32))
+        };
+        own + reflected
+    }
+}

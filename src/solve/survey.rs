@@ -1,0 +1,107 @@
+//! What every element sees, counted by rays: sky, surfaces, and backs that matter.
+
+use crate::accel::{Accel, Hit, Ray, offset_origin};
+use crate::atlas::Atlas;
+use crate::hierarchy::{Hierarchy, Side, Surface, Surfels};
+use crate::math::{Sequence, cosine_hemisphere, hash2};
+use crate::progress::{Cancelled, Progress};
+use crate::scene::Rgb;
+use rayon::prelude::*;
+use std::f32::consts::PI;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+/// Views of all elements.
+pub struct Survey {
+    /// Irradiance from the sky, W/m².
+    pub sky: Vec<Rgb>,
+    /// Share of the (cosine-weighted) view that surfaces fill which can send light back.
+    pub lit: Vec<f32>,
+    /// Rays cast.
+    pub rays: u64,
+}
+
+/// Casts `rays` stratified rays from every element.
+pub fn survey(
+    accel: &Accel,
+    surfels: &Surfels,
+    tree: &Hierarchy,
+    rays: u32,
+    progress: &dyn Progress,
+) -> Result<Survey, Cancelled> {
+    let views: Vec<(Rgb, f32)> = (0..tree.elements.len() as u32)
+        .into_par_iter()
+        .map(|e| {
+            let (mut sky, mut lit) = (Rgb::ZERO, 0);
+            look(accel, surfels, tree, e, rays, |direction, hit| match hit {
+                None => sky += accel.scene().environment.radiance(direction),
+                Some((hit, side)) => lit += (side == Side::Front || is_two_sided(accel, hit)) as u32,
+            });
+            if progress.is_cancelled() {
+                return Err(Cancelled);
+            }
+            Ok((sky * (PI / rays as f32), lit as f32 / rays as f32))
+        })
+        .collect::<Result<_, Cancelled>>()?;
+    let count = views.len() as u64 * rays as u64;
+    let (sky, lit) = views.into_iter().unzip();
+    Ok(Survey { sky, lit, rays: count })
+}
+
+/// Marks the surfaces whose back can be seen from some element, by `rays` rays each. Backs inside closed meshes and
+/// backs that are no surfaces are not marked.
+pub fn hidden_backs(
+    accel: &Accel,
+    atlas: &Atlas,
+    surfels: &Surfels,
+    tree: &Hierarchy,
+    surfaces: &[Surface],
+    rays: u32,
+    progress: &dyn Progress,
+) -> Result<Vec<bool>, Cancelled> {
+    let seen: Vec<AtomicBool> = surfaces.iter().map(|_| AtomicBool::new(false)).collect();
+    let scene = accel.scene();
+    (0..tree.elements.len() as u32).into_par_iter().try_for_each(|e| {
+        look(accel, surfels, tree, e, rays, |_, hit| {
+            let Some((hit, Side::Back)) = hit else { return };
+            let closed = scene.meshes[scene.instances[hit.instance as usize].mesh].closed;
+            if closed || !is_two_sided(accel, hit) {
+                return;
+            }
+            if let Some(s) = surfels.at(atlas, hit.instance as usize, hit.triangle as usize, hit.barycentric) {
+                let surface = surfaces.partition_point(|x| x.surfels.end <= s);
+                seen[surface].store(true, Ordering::Relaxed);
+            }
+        });
+        if progress.is_cancelled() { Err(Cancelled) } else { Ok(()) }
+    })?;
+    Ok(seen.into_iter().map(AtomicBool::into_inner).collect())
+}
+
+fn is_two_sided(accel: &Accel, hit: &Hit) -> bool {
+    let scene = accel.scene();
+    scene.material_of(scene.instances[hit.instance as usize].mesh, hit.triangle as usize).double_sided
+}
+
+/// Calls `visit` for every ray with its direction and what it meets.
+fn look(
+    accel: &Accel,
+    surfels: &Surfels,
+    tree: &Hierarchy,
+    element: u32,
+    rays: u32,
+    mut visit: impl FnMut(glam::Vec3, Option<(&Hit, Side)>),
+) {
+    let node = tree.elements[element as usize].node;
+    let sequence = Sequence::new(hash2(element, 0x5ee));
+    for i in 0..rays {
+        let (surfel, side) = tree.sample(surfels, node, sequence.second(i).x);
+        let normal = tree.normal(surfels, surfel, side);
+        let direction = cosine_hemisphere(normal, sequence.first(i));
+        let origin = offset_origin(surfels.position(surfel), normal);
+        let hit = accel.closest(&Ray { origin, direction, t_min: 0.0, t_max: f32::INFINITY });
+        visit(
+            direction,
+            hit.as_ref().map(|h| (h, if h.normal.dot(direction) <= 0.0 { Side::Front } else { Side::Back })),
+        );
+    }
+}
