@@ -1,6 +1,8 @@
 //! Lightmap texels as surface elements (surfels).
 
-use crate::scene::Rgb;
+use super::Atlas;
+use super::surface::Surface;
+use crate::scene::{Rgb, Scene};
 use glam::{Vec2, Vec3};
 use std::ops::Range;
 
@@ -9,7 +11,7 @@ pub const NO_TEXEL: u32 = u32::MAX;
 
 /// All valid texels, chart by chart, within a chart in Morton order of their page position: every aligned
 /// 2ⁿ×2ⁿ block of a chart is one range of texels. Structure of arrays, one entry per texel.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Texels {
     /// Page position.
     pub pixel: Vec<[u16; 2]>,
@@ -40,7 +42,7 @@ pub struct Texels {
 }
 
 /// Texel index per page position.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq, Eq)]
 pub struct PageTexels {
     /// Texels across.
     pub width: u32,
@@ -51,13 +53,13 @@ pub struct PageTexels {
 }
 
 /// A point on the surface inside a texel.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SurfacePoint {
     /// World position.
     pub position: Vec3,
     /// Unit geometric normal of the front face.
     pub geometric_normal: Vec3,
-    /// Unit shading normal.
+    /// Unit shading normal, on the side of the geometric normal.
     pub shading_normal: Vec3,
 }
 
@@ -70,6 +72,23 @@ impl Texels {
     /// True if there is no texel.
     pub fn is_empty(&self) -> bool {
         self.pixel.is_empty()
+    }
+
+    /// Triangles of the chart's instance that overlap `texel`, largest overlap first.
+    pub fn triangles_of(&self, texel: u32) -> &[u32] {
+        let t = texel as usize;
+        &self.triangles[self.first_triangle[t] as usize..self.first_triangle[t + 1] as usize]
+    }
+
+    /// The surface point at `offset` (0..1 on both axes) inside the texel's square, none where the chart does not
+    /// cover it. `scene` and `atlas` are those that the texels were rasterised from.
+    pub fn sample(&self, scene: &Scene, atlas: &Atlas, texel: u32, offset: Vec2) -> Option<SurfacePoint> {
+        let [x, y] = self.pixel[texel as usize];
+        let p = Vec2::new(f32::from(x), f32::from(y)) + offset;
+        let instance = atlas.charts[self.chart[texel as usize] as usize].instance;
+        let surface = Surface::new(scene, atlas, instance)?;
+        let hit = |&triangle: &u32| surface.barycentric(triangle, p).map(|b| surface.point(triangle, b));
+        self.triangles_of(texel).iter().find_map(hit)
     }
 }
 

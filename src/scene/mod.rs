@@ -9,7 +9,7 @@ mod texture;
 
 pub use environment::Environment;
 pub use light::{Light, LightShape};
-pub use material::{AlphaMode, Material, TextureSlot};
+pub use material::{AlphaMode, MAX_REFLECTANCE, Material, TextureSlot};
 pub use mesh::{Instance, LightmapRequest, Mesh, Primitive};
 pub use texture::{Filter, Texture, Wrap};
 
