@@ -6,7 +6,7 @@
 use super::footprint::Footprint;
 use super::lamp::Lamp;
 use crate::accel::{Accel, Ray, offset_origin};
-use crate::atlas::{NO_TEXEL, SurfacePoint, Texels};
+use crate::atlas::{Atlas, NO_TEXEL, SurfacePoint, Texels};
 use crate::hierarchy::{Element, Side, Surfels};
 use crate::math::{Sequence, hash2, hash3};
 use crate::progress::{Cancelled, Counter, Progress, Stage};
@@ -137,6 +137,7 @@ impl Lamps<'_> {
 /// Irradiance of every texel straight from the lamps, W/m², and the number of rays cast.
 pub fn texel_direct(
     lamps: &Lamps,
+    atlas: &Atlas,
     texels: &Texels,
     footprint: &Footprint,
     settings: &DirectSettings,
@@ -168,7 +169,7 @@ pub fn texel_direct(
                     continue;
                 }
                 let mut sum = first[texel as usize];
-                if sum.seen() == Seen::Part || disagrees(texels, &first, texel) {
+                if sum.seen() == Seen::Part || disagrees(atlas, texels, &first, texel) {
                     let point = |u| footprint.point(texel, u);
                     cast += lamps.test(lamp, texel, settings.base..settings.edge, point, &mut sum);
                     if sum.seen() == Seen::Part {
@@ -185,12 +186,12 @@ pub fn texel_direct(
 }
 
 /// True if a neighbour on the same chart sees the lamp differently.
-fn disagrees(texels: &Texels, first: &[Visibility], texel: u32) -> bool {
+fn disagrees(atlas: &Atlas, texels: &Texels, first: &[Visibility], texel: u32) -> bool {
     let t = texel as usize;
     let own = first[t].seen();
     let chart = texels.chart[t] as usize;
     let range = &texels.charts[chart];
-    let page = &texels.pages[texels.page_of_chart[chart] as usize];
+    let page = &texels.pages[atlas.charts[chart].page];
     let [x, y] = texels.pixel[t].map(i64::from);
     for dy in -1..=1 {
         for dx in -1..=1 {

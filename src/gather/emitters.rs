@@ -19,11 +19,10 @@ pub struct Emission {
 }
 
 impl Emission {
-    /// Radiance that a gather ray sees at a surface point: zero if the emitter is sent like a lamp.
-    pub fn seen(&self, scene: &Scene, instance: usize, triangle: usize, barycentric: Vec2) -> Rgb {
+    /// True if gather rays see the emission of a triangle; false if it is sent like a lamp, or dark.
+    pub fn is_seen(&self, scene: &Scene, instance: usize, triangle: usize) -> bool {
         let mesh = &scene.meshes[scene.instances[instance].mesh];
-        let primitive = mesh.primitives.partition_point(|p| p.triangles.end as usize <= triangle);
-        if self.seen[instance][primitive] { scene.emission_at(instance, triangle, barycentric) } else { Rgb::ZERO }
+        self.seen[instance][mesh.primitives.partition_point(|p| p.triangles.end as usize <= triangle)]
     }
 
     /// True if gather rays may see any emission at all.

@@ -12,6 +12,7 @@ pub use cells::{CellSettings, indirect};
 pub use direct::{DirectSettings, Lamps, element_direct, texel_direct};
 pub use emitters::{Emission, classify};
 pub use footprint::Footprint;
+pub use lamp::Lamp;
 pub use probe::{Probe, ProbeSettings};
 pub use source::Source;
 
@@ -24,4 +25,6 @@ pub struct Lightmap {
     pub direct: Vec<Rgb>,
     /// Everything: lamps, sky, emissive surfaces and all bounces.
     pub combined: Vec<Rgb>,
+    /// False where a texel lies inside other geometry and is to be filled from its neighbours.
+    pub usable: Vec<bool>,
 }

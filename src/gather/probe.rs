@@ -37,7 +37,6 @@ impl Probe {
     /// Gathers at `texel`. Rays start all over the texel's usable part, so that the value is its mean.
     pub fn gather(source: &Source, footprint: &Footprint, texel: u32, settings: &ProbeSettings) -> Self {
         let sequence = Sequence::new(hash2(texel, 0x9a7e));
-        let solid_angle = PI / settings.round as f32;
         let (mut sum, mut inverse) = (Rgb::ZERO, 0.0f32);
         let mut rays = 0;
         let (mut square_rounds, mut error) = (0.0f32, f32::INFINITY);
@@ -54,6 +53,9 @@ impl Probe {
                         continue;
                     }
                     let origin = offset_origin(p.position, p.geometric_normal);
+                    // Cosine-weighted rays stand for more of the view towards the horizon.
+                    let cosine = direction.dot(p.shading_normal).max(0.05);
+                    let solid_angle = PI / (settings.round as f32 * cosine);
                     let (radiance, distance) = source.radiance(origin, direction, solid_angle);
                     *half += radiance;
                     inverse += 1.0 / distance.max(1e-6);

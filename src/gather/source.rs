@@ -87,7 +87,11 @@ impl<'a> Source<'a> {
         if side == Side::Back && !scene.material_of(scene.instances[instance].mesh, triangle).double_sided {
             return Rgb::ZERO;
         }
-        let own = self.emission.seen(scene, instance, triangle, hit.barycentric);
+        let own = if self.emission.is_seen(scene, instance, triangle) {
+            scene.emission_at(instance, triangle, hit.barycentric)
+        } else {
+            Rgb::ZERO
+        };
         let Some(surfel) = self.surfels.at(self.atlas, instance, triangle, hit.barycentric) else { return own };
         let Some(element) = self.hierarchy.element_of(surfel, side) else { return own };
         let footprint = solid_angle * hit.t * hit.t / cosine.abs().max(0.05);

@@ -130,7 +130,8 @@ impl Builder<'_, '_> {
             return self.quadtree(surface, root.side);
         }
         let node = self.open();
-        let (left, right) = roots.split_at_mut(split(roots));
+        let middle = split(roots);
+        let (left, right) = roots.split_at_mut(middle);
         let left = self.cluster(left);
         let bounds = left.join(self.cluster(right));
         self.close(node, bounds)

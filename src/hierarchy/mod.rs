@@ -9,7 +9,6 @@ mod build;
 mod surfels;
 
 pub use build::build;
-pub(crate) use surfels::extent;
 pub use surfels::{Surface, Surfels};
 
 use glam::Vec3;

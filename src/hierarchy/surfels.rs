@@ -24,6 +24,9 @@ struct Patches {
     normal: Vec<Vec3>,
     area: Vec<f32>,
     reflectance: Vec<Rgb>,
+    emission: Vec<Rgb>,
+    /// Scene instance and triangle of its mesh.
+    owner: Vec<(u32, u32)>,
     /// Per scene instance: its triangles' runs of patches, empty if it has a lightmap.
     triangles: Vec<Vec<TrianglePatches>>,
 }
@@ -105,6 +108,19 @@ impl<'a> Surfels<'a> {
         self.pick(s, |t, i| t.reflectance[i], |p, i| p.reflectance[i])
     }
 
+    /// Radiance that the front emits, W/(m²·sr).
+    pub fn emission(&self, s: u32) -> Rgb {
+        self.pick(s, |t, i| t.emission.get(i).copied().unwrap_or(Rgb::ZERO), |p, i| p.emission[i])
+    }
+
+    /// Scene instance and triangle that the surfel lies on; the largest if a texel lies on several.
+    pub fn triangle(&self, atlas: &Atlas, s: u32) -> (usize, usize) {
+        let texel = |t: &Texels, i: usize| {
+            (atlas.charts[t.chart[i] as usize].instance, t.triangles_of(i as u32)[0] as usize)
+        };
+        self.pick(s, texel, |p, i| (p.owner[i].0 as usize, p.owner[i].1 as usize))
+    }
+
     /// Key whose right-shifts by two group neighbouring surfels of one surface, four by four.
     pub fn morton(&self, s: u32) -> u64 {
         let base = self.texels.len() as u32;
@@ -155,13 +171,15 @@ impl Patches {
                 self.normal.push(normal);
                 self.area.push(area);
                 self.reflectance.push(scene.reflectance_at(instance, triangle, bary));
+                self.emission.push(scene.emission_at(instance, triangle, bary));
+                self.owner.push((instance as u32, triangle as u32));
             }
         }
     }
 }
 
 /// Largest side of the bounding box of all instances, metres.
-pub(crate) fn extent(scene: &Scene) -> f32 {
+fn extent(scene: &Scene) -> f32 {
     let (mut lo, mut hi) = (Vec3::INFINITY, Vec3::NEG_INFINITY);
     for i in &scene.instances {
         for &p in &scene.meshes[i.mesh].positions {

@@ -1,0 +1,164 @@
+//! The order of the lighting stages: resolved scene and texels → irradiance.
+
+use crate::accel::Accel;
+use crate::atlas::{Atlas, Texels};
+use crate::gather::{
+    self, CellSettings, DirectSettings, Emission, Footprint, Lamp, Lamps, Lightmap, ProbeSettings, Source,
+};
+use crate::hierarchy::{self, Hierarchy, Side, Surface, Surfels};
+use crate::progress::{Cancelled, Progress, Stage};
+use crate::scene::{Rgb, Scene};
+use crate::solve::{self, Elements, SolveSettings};
+use crate::transport::Exchange;
+use std::collections::BTreeMap;
+use std::f32::consts::PI;
+
+/// Rays per element that look for backs of double-sided surfaces.
+const BACK_RAYS: u32 = 16;
+/// Rays per element that count what it sees.
+const SURVEY_RAYS: u32 = 64;
+/// Shadow rays per lamp of an element that has no texels of its own.
+const ELEMENT_RAYS: u32 = 16;
+
+/// What the lighting stages did.
+#[derive(Clone, Debug, Default)]
+pub struct Counts {
+    /// Nodes of the hierarchy.
+    pub nodes: usize,
+    /// Elements, its leaves.
+    pub elements: usize,
+    /// Links between nodes.
+    pub links: usize,
+    /// Iterations of the solution.
+    pub iterations: u32,
+    /// Probes of the final gather.
+    pub probes: usize,
+    /// Rays by purpose.
+    pub rays: BTreeMap<&'static str, u64>,
+}
+
+/// Runs a stage under the caller's clock.
+pub trait Clock {
+    /// Runs `work` and books its time on `stage`.
+    fn measure<T>(&mut self, stage: Stage, work: impl FnOnce() -> T) -> T;
+}
+
+/// Irradiance of every texel to within about `error` (relative RMSE).
+pub fn light(
+    scene: &Scene,
+    atlas: &Atlas,
+    texels: &Texels,
+    error: f32,
+    clock: &mut impl Clock,
+    progress: &dyn Progress,
+) -> Result<(Lightmap, Counts), Cancelled> {
+    let mut counts = Counts::default();
+    let accel = clock.measure(Stage::Accel, || Accel::build(scene));
+    let footprint = clock.measure(Stage::Texels, || Footprint::new(&accel, atlas, texels, progress))?;
+
+    let (emission, mut lamps) = gather::classify(scene);
+    lamps.extend(scene.lights.iter().map(Lamp::new));
+    let lamps = Lamps { lamps, accel: &accel };
+    let direct_settings = DirectSettings::for_error(error);
+    let (direct, rays) = clock.measure(Stage::Direct, || {
+        gather::texel_direct(&lamps, atlas, texels, &footprint, &direct_settings, progress)
+    })?;
+    counts.rays.insert("shadow", rays);
+
+    let (surfels, tree, element_direct, irradiance) = clock.measure(Stage::Solve, || {
+        let surfels = Surfels::new(scene, atlas, texels);
+        let tree = hierarchy(&accel, atlas, &surfels, progress)?;
+        let elements = elements(scene, atlas, &surfels, &tree, &emission, &lamps, &direct);
+        let survey = solve::survey(&accel, &surfels, &tree, SURVEY_RAYS, progress)?;
+        let exchange = Exchange { hierarchy: &tree, surfels: &surfels, accel: &accel };
+        let solution = solve::solve(&exchange, &elements, &survey, &SolveSettings::for_error(error), progress)?;
+        counts.nodes = tree.nodes.len();
+        counts.elements = tree.elements.len();
+        counts.links = solution.links.len();
+        counts.iterations = solution.iterations;
+        counts.rays.insert("link", solution.rays);
+        counts.rays.insert("survey", survey.rays + (BACK_RAYS as usize * tree.elements.len()) as u64);
+        Ok((surfels, tree, elements.direct, solution.irradiance))
+    })?;
+
+    let indirect = clock.measure(Stage::Gather, || {
+        let source =
+            Source::new(&accel, atlas, &surfels, &tree, &emission, &direct, &element_direct, &irradiance);
+        let floor = 0.1 * mean(texels, &direct, &tree, &irradiance);
+        gather::indirect(&source, atlas, texels, &footprint, &cell_settings(error, floor), progress)
+    })?;
+    counts.probes = indirect.probes;
+    counts.rays.insert("gather", indirect.rays);
+    let combined = direct.iter().zip(&indirect.irradiance).map(|(&d, &i)| d + i).collect();
+    let usable = (0..texels.len() as u32).map(|t| !footprint.is_hidden(t)).collect();
+    Ok((Lightmap { direct, combined, usable }, counts))
+}
+
+/// How finely the final gather works for a relative error of the lightmap.
+fn cell_settings(error: f32, floor: f32) -> CellSettings {
+    let probe = ProbeSettings { round: 256, rounds: 8, tolerance: 0.4 * error, floor };
+    CellSettings { tolerance: 0.5 * error, floor, probe }
+}
+
+/// The hierarchy over all fronts, and over those backs that something sees.
+fn hierarchy(
+    accel: &Accel,
+    atlas: &Atlas,
+    surfels: &Surfels,
+    progress: &dyn Progress,
+) -> Result<Hierarchy, Cancelled> {
+    let surfaces: Vec<Surface> = surfels.surfaces(atlas);
+    let fronts = hierarchy::build(surfels, &surfaces, &vec![false; surfaces.len()]);
+    let backs = solve::hidden_backs(accel, atlas, surfels, &fronts, &surfaces, BACK_RAYS, progress)?;
+    Ok(if backs.contains(&true) { hierarchy::build(surfels, &surfaces, &backs) } else { fronts })
+}
+
+/// What every element reflects and sends before any exchange.
+fn elements(
+    scene: &Scene,
+    atlas: &Atlas,
+    surfels: &Surfels,
+    tree: &Hierarchy,
+    emission: &Emission,
+    lamps: &Lamps,
+    direct: &[Rgb],
+) -> Elements {
+    let mean = |f: &dyn Fn(u32) -> Rgb| -> Vec<Rgb> {
+        let of = |range: std::ops::Range<u32>| {
+            let (mut sum, mut area) = (Rgb::ZERO, 0.0);
+            for s in range {
+                let a = surfels.area(s);
+                sum += f(s) * a;
+                area += a;
+            }
+            sum / area.max(f32::MIN_POSITIVE)
+        };
+        tree.elements.iter().map(|e| of(e.surfels.clone())).collect()
+    };
+    let seen = |s: u32| {
+        let (instance, triangle) = surfels.triangle(atlas, s);
+        if emission.is_seen(scene, instance, triangle) { surfels.emission(s) } else { Rgb::ZERO }
+    };
+    let emittance = if emission.any_seen() {
+        let radiance = mean(&seen);
+        radiance.into_iter().map(|l| l * PI).collect()
+    } else {
+        vec![Rgb::ZERO; tree.elements.len()]
+    };
+    Elements {
+        reflectance: mean(&|s| surfels.reflectance(s)),
+        emittance,
+        direct: gather::element_direct(lamps, surfels, &tree.elements, direct, ELEMENT_RAYS),
+    }
+}
+
+/// Area-weighted mean irradiance over all texels, W/m², mean of channels.
+fn mean(texels: &Texels, direct: &[Rgb], tree: &Hierarchy, rest: &[Rgb]) -> f32 {
+    let (mut sum, mut area) = (0.0f64, 0.0f64);
+    for t in 0..texels.len() {
+        let other = tree.element_of(t as u32, Side::Front).map_or(Rgb::ZERO, |e| rest[e as usize]);
+        sum += ((direct[t] + other).element_sum() / 3.0 * texels.area[t]) as f64;
+        area += texels.area[t] as f64;
+    }
+    (sum / area.max(f64::MIN_POSITIVE)) as f32
+}
