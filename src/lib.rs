@@ -9,6 +9,7 @@ pub mod accel;
 pub mod atlas;
 pub mod bake;
 pub mod config;
+pub mod document;
 pub mod gather;
 pub mod hierarchy;
 pub mod import;

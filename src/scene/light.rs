@@ -58,8 +58,10 @@ pub enum LightShape {
         radius: f32,
         /// Half angle of the cone.
         outer_cone_angle: f32,
-        /// Share of the cone over which it fades (smoothstep).
+        /// Share of `1 − cos outer_cone_angle` over which it fades.
         blend: f32,
+        /// How it fades.
+        falloff: Falloff,
     },
     /// A far disc.
     Sun {
@@ -68,4 +70,29 @@ pub enum LightShape {
         /// Full angle of the disc, radians.
         angle: f32,
     },
+}
+
+/// Curve of a spot's intensity from the cone's edge (0) to where the fade ends (1).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
+pub enum Falloff {
+    /// `3x² − 2x³`, as in Blender and LIGHTKILN_scene.
+    #[default]
+    Smoothstep,
+    /// `x²`, as KHR_lights_punctual recommends.
+    Square,
+}
+
+/// Share of a spot's axial intensity that leaves at an angle of cosine `cos_theta` to its axis.
+pub fn spot_attenuation(cos_theta: f32, outer_cone_angle: f32, blend: f32, falloff: Falloff) -> f32 {
+    let height = cos_theta - outer_cone_angle.cos();
+    let range = (1.0 - outer_cone_angle.cos()) * blend;
+    if height <= 0.0 {
+        return 0.0;
+    }
+    // A hard edge divides by zero; everything inside it is in full light.
+    let x = if height >= range { 1.0 } else { height / range };
+    match falloff {
+        Falloff::Smoothstep => x * x * (3.0 - 2.0 * x),
+        Falloff::Square => x * x,
+    }
 }

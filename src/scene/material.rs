@@ -52,6 +52,12 @@ pub struct Material {
     pub base_color_texture: Option<TextureSlot>,
     /// Share of the surface that is metal and reflects nothing diffusely.
     pub metallic: f32,
+    /// Its blue channel (linear) multiplies `metallic`.
+    pub metallic_texture: Option<TextureSlot>,
+    /// Share of the diffuse part that is transmitted instead (KHR_materials_transmission).
+    pub transmission: f32,
+    /// Its red channel (linear) multiplies `transmission`.
+    pub transmission_texture: Option<TextureSlot>,
     /// Radiance emitted, W/(m²·sr), factor × strength.
     pub emission: Rgb,
     /// Multiplies the emission; sRGB-encoded.
@@ -71,6 +77,9 @@ impl Default for Material {
             alpha: 1.0,
             base_color_texture: None,
             metallic: 0.0,
+            metallic_texture: None,
+            transmission: 0.0,
+            transmission_texture: None,
             emission: Rgb::ZERO,
             emission_texture: None,
             alpha_mode: AlphaMode::Opaque,

@@ -14,12 +14,16 @@ pub struct Mesh {
     pub positions: Vec<Vec3>,
     /// Unit shading normals, one per vertex.
     pub normals: Vec<Vec3>,
-    /// Texture coordinate sets, indexed by TEXCOORD_n; a set is empty or has one entry per vertex.
+    /// Texture coordinate sets, indexed by TEXCOORD_n; a set is empty or has one entry per vertex, zero in primitives
+    /// that lack it.
     pub texcoords: Vec<Vec<Vec2>>,
     /// Vertex colours (linear, straight alpha), empty if there are none.
     pub colors: Vec<Vec4>,
     /// Vertex indices; no triangle is degenerate in mesh space.
     pub triangles: Vec<[u32; 3]>,
+    /// For each vertex, its index within its source primitive. Vertices of primitives without normals are unshared, so
+    /// several may have the same source; vertices that no triangle uses are left out.
+    pub source_vertices: Vec<u32>,
     /// Runs of triangles and vertices with one material each, in order and without gaps.
     pub primitives: Vec<Primitive>,
     /// True if every edge is shared by two consistently wound triangles: the mesh encloses a volume.
@@ -78,6 +82,8 @@ pub struct Instance {
     pub lightmap: LightmapRequest,
     /// Light group of its emission.
     pub group: Option<String>,
+    /// Index within the node's EXT_mesh_gpu_instancing, if it has that.
+    pub gpu_instance: Option<u32>,
 }
 
 impl Instance {

@@ -5,10 +5,11 @@ mod environment;
 mod light;
 mod material;
 mod mesh;
+mod shading;
 mod texture;
 
 pub use environment::Environment;
-pub use light::{Light, LightShape};
+pub use light::{Falloff, Light, LightShape, spot_attenuation};
 pub use material::{AlphaMode, MAX_REFLECTANCE, Material, TextureSlot};
 pub use mesh::{Instance, LightmapRequest, Mesh, Primitive};
 pub use texture::{Filter, Texture, Wrap};

@@ -49,15 +49,33 @@ static SRGB: LazyLock<[f32; 256]> = LazyLock::new(|| {
 impl Texture {
     /// Linear RGB (decoded from sRGB) and alpha of one texel.
     pub fn texel(&self, x: u32, y: u32) -> Vec4 {
-        let t = self.texels[(y * self.width + x) as usize];
+        let t = self.texels[y as usize * self.width as usize + x as usize];
         Vec4::new(SRGB[t[0] as usize], SRGB[t[1] as usize], SRGB[t[2] as usize], t[3] as f32 / 255.0)
+    }
+
+    /// One texel whose channels hold data and not colour: codes divided by 255.
+    pub fn data_texel(&self, x: u32, y: u32) -> Vec4 {
+        let t = self.texels[y as usize * self.width as usize + x as usize];
+        Vec4::from_array(t.map(f32::from)) / 255.0
     }
 
     /// Linear RGB and alpha at texture coordinate `uv` (v down, as in glTF).
     pub fn sample(&self, uv: Vec2, wrap: [Wrap; 2], filter: Filter) -> Vec4 {
-        let x = uv.x * self.width as f32;
-        let y = uv.y * self.height as f32;
-        let at = |x: i64, y: i64| self.texel(wrapped(x, self.width, wrap[0]), wrapped(y, self.height, wrap[1]));
+        self.filtered(uv, wrap, filter, |x, y| self.texel(x, y))
+    }
+
+    /// As [`Texture::sample`], of channels that hold data (see [`Texture::data_texel`]).
+    pub fn sample_data(&self, uv: Vec2, wrap: [Wrap; 2], filter: Filter) -> Vec4 {
+        self.filtered(uv, wrap, filter, |x, y| self.data_texel(x, y))
+    }
+
+    /// `texel` interpolated at `uv`.
+    fn filtered(&self, uv: Vec2, wrap: [Wrap; 2], filter: Filter, texel: impl Fn(u32, u32) -> Vec4) -> Vec4 {
+        // Beyond 2³⁰ texels f32 has no fraction left; the bound keeps the neighbour's index in range.
+        let bounded = |t: f32| t.clamp(-1_073_741_824.0, 1_073_741_824.0);
+        let x = bounded(uv.x * self.width as f32);
+        let y = bounded(uv.y * self.height as f32);
+        let at = |x: i64, y: i64| texel(wrapped(x, self.width, wrap[0]), wrapped(y, self.height, wrap[1]));
         match filter {
             Filter::Nearest => at(x.floor() as i64, y.floor() as i64),
             Filter::Linear => {

@@ -1,0 +1,52 @@
+//! Which required extensions a file may have, and how to export without the others.
+
+use super::ImportError;
+use serde_json::Value;
+
+/// Required extensions that are read, or that change nothing that a lightmap depends on.
+const UNDERSTOOD: [&str; 22] = [
+    super::EXTENSION,
+    "EXT_lights_area",
+    "EXT_mesh_gpu_instancing",
+    "EXT_texture_webp",
+    "KHR_animation_pointer",
+    "KHR_lights_punctual",
+    "KHR_materials_anisotropy",
+    "KHR_materials_clearcoat",
+    "KHR_materials_dispersion",
+    "KHR_materials_emissive_strength",
+    "KHR_materials_ior",
+    "KHR_materials_iridescence",
+    "KHR_materials_sheen",
+    "KHR_materials_specular",
+    "KHR_materials_transmission",
+    "KHR_materials_unlit",
+    "KHR_materials_variants",
+    "KHR_materials_volume",
+    "KHR_mesh_quantization",
+    "KHR_node_visibility",
+    "KHR_texture_transform",
+    "MOZ_lightmap",
+];
+
+/// Fails on the first required extension that cannot be read.
+pub(super) fn check_required(json: &Value) -> Result<(), ImportError> {
+    let required = json.get("extensionsRequired").and_then(Value::as_array).map_or(&[][..], Vec::as_slice);
+    for name in required.iter().filter_map(Value::as_str) {
+        if UNDERSTOOD.contains(&name) {
+            continue;
+        }
+        let remedy = match name {
+            "KHR_draco_mesh_compression" => {
+                "export without mesh compression (Blender: Data > Mesh > untick Compression; gltf-transform: `copy`)"
+            }
+            "EXT_meshopt_compression" | "KHR_meshopt_compression" => {
+                "export without meshopt compression (gltf-transform: `copy IN.glb OUT.glb`; gltfpack: leave out -c)"
+            }
+            "KHR_texture_basisu" => "export the textures as PNG, JPEG or WebP (gltf-transform: `ktxdecompress`)",
+            _ => "export the scene without it",
+        };
+        return Err(ImportError::RequiredExtension { name: name.into(), remedy: remedy.into() });
+    }
+    Ok(())
+}
