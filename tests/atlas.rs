@@ -1,7 +1,7 @@
 //! The atlas and its texels: invariants that hold for any scene, and what is said about bad texture coordinates.
 
 use glam::{Affine3A, Mat3, Quat, Vec2, Vec3};
-use lightkiln::atlas::{Atlas, AtlasError, AtlasSettings, NO_TEXEL, Texels, UvMode, build, rasterise};
+use lightkiln::atlas::{Atlas, AtlasError, AtlasSettings, NO_TEXEL, Texels, Unwrapper, UvMode, build, rasterise};
 use lightkiln::progress::{Cancelled, Progress, Silent, Stage};
 use lightkiln::scene::{Instance, LightmapRequest, Material, Mesh, Primitive, Scene};
 use lightkiln::warning::Warning;
@@ -276,6 +276,251 @@ fn emission_is_there_only_if_something_emits() {
     assert!(texels.emission.iter().all(|e| e.distance(Vec3::new(1.0, 2.0, 3.0)) < 1e-5));
 }
 
+/// A unit cube around the origin with one square of TEXCOORD_1 for all six sides.
+fn cube() -> Mesh {
+    let sides = [Vec3::X, -Vec3::X, Vec3::Y, -Vec3::Y, Vec3::Z, -Vec3::Z];
+    let mut triangles = Vec::new();
+    for n in sides {
+        let (u, v) = n.any_orthonormal_pair();
+        let at = |x: f32, y: f32| (n + u * x + v * y) / 2.0;
+        let corner = [at(-1.0, -1.0), at(1.0, -1.0), at(1.0, 1.0), at(-1.0, 1.0)];
+        triangles.push([corner[0], corner[1], corner[2]]);
+        triangles.push([corner[0], corner[2], corner[3]]);
+    }
+    let square = [Vec2::ZERO, Vec2::X, Vec2::ONE, Vec2::Y];
+    mesh(&triangles, |t, k| square[[[0, 1, 2], [0, 2, 3]][t % 2][k]])
+}
+
+/// A unit sphere of `2 n²` quads, halved; its poles are degenerate triangles, as exporters leave them.
+fn sphere(n: usize) -> Mesh {
+    let at = |i: usize, j: usize| {
+        let (a, b) = (i as f32 / n as f32 * std::f32::consts::PI, j as f32 / n as f32 * std::f32::consts::PI);
+        Vec3::new(a.sin() * b.cos(), a.cos(), -a.sin() * b.sin())
+    };
+    let mut triangles = Vec::new();
+    for i in 0..n {
+        for j in 0..2 * n {
+            let [a, b, c, d] = [at(i, j), at(i + 1, j), at(i + 1, j + 1), at(i, j + 1)];
+            triangles.extend([[a, b, c], [a, c, d]]);
+        }
+    }
+    let mut sphere = mesh(&triangles, |_, _| Vec2::ZERO);
+    sphere.normals = sphere.positions.clone();
+    sphere
+}
+
+/// Cubes, a sphere, single triangles of all sizes and a quad, some stretched, mirrored, turned or large.
+fn zoo() -> Scene {
+    let turned = Affine3A::from_rotation_y(0.3);
+    let triangle =
+        |size: f32| mesh(&[[Vec3::ZERO, Vec3::X * size, Vec3::Y * size]], |_, k| [Vec2::ZERO, Vec2::X, Vec2::Y][k]);
+    scene(vec![
+        (cube(), vec![Affine3A::IDENTITY, turned, Affine3A::from_scale(Vec3::new(-4.0, 1.0, 0.5))]),
+        (sphere(12), vec![turned, Affine3A::from_scale(Vec3::splat(0.2))]),
+        (triangle(1.0), vec![turned]),
+        (triangle(0.01), vec![turned]),
+        (triangle(1e-4), vec![turned]),
+        (mesh(&[], |_, _| Vec2::ZERO), vec![turned]),
+        (quad(Vec2::ZERO, Vec2::ONE), vec![Affine3A::from_scale(Vec3::new(9.0, 0.02, 1.0))]),
+    ])
+}
+
+fn auto(unwrapper: Unwrapper) -> AtlasSettings {
+    AtlasSettings { unwrapper, ..AtlasSettings::default() }
+}
+
+/// Fails if charts lie upon each other or themselves, or are nearer than the padding.
+fn check_apart(atlas: &Atlas, texels: &Texels) {
+    let reach = atlas.padding as i64;
+    for t in 0..texels.len() {
+        let chart = texels.chart[t];
+        let page = &texels.pages[atlas.charts[chart as usize].page];
+        let [x, y] = texels.pixel[t].map(i64::from);
+        for (dx, dy) in (-reach..=reach).flat_map(|dx| (-reach..=reach).map(move |dy| (dx, dy))) {
+            if let Some(other) = page.at(Vec2::new((x + dx) as f32, (y + dy) as f32)) {
+                assert_eq!(texels.chart[other as usize], chart, "charts keep their distance");
+            }
+        }
+    }
+    let mut flat = vec![0.0; atlas.charts.len()];
+    for layout in atlas.layouts.iter().flatten() {
+        for ([a, b, c], &chart) in layout.corners.iter().zip(&layout.charts) {
+            flat[chart as usize] += f64::from((*b - *a).perp_dot(*c - *a).abs()) / 2.0;
+        }
+    }
+    for (range, flat) in texels.charts.iter().zip(flat) {
+        assert!(!range.is_empty(), "every chart has a texel");
+        let covered: f64 = range.clone().map(|t| f64::from(texels.coverage[t as usize])).sum();
+        assert!(covered > 0.99 * flat - 0.01, "a chart of {flat} texels covers only {covered}");
+    }
+}
+
+#[test]
+fn unwrapped_charts_are_apart_and_keep_their_area() {
+    for unwrapper in [Unwrapper::Xatlas, Unwrapper::Fast] {
+        for padding in [1, 2, 5] {
+            let s = zoo();
+            let (atlas, warnings, texels) = bake(&s, &AtlasSettings { padding, ..auto(unwrapper) });
+            assert_eq!(warnings, []);
+            check_apart(&atlas, &texels);
+            close(total_area(&texels), world_area(&s), 1e-3);
+            assert!(
+                s.instances
+                    .iter()
+                    .zip(&atlas.layouts)
+                    .all(|(i, l)| l.is_some() != s.meshes[i.mesh].triangles.is_empty())
+            );
+        }
+    }
+}
+
+#[test]
+fn density_is_per_metre_of_the_world() {
+    for unwrapper in [Unwrapper::Xatlas, Unwrapper::Fast] {
+        for scale in [Vec3::ONE, Vec3::new(5.0, 1.0, 1.0), Vec3::splat(3.0)] {
+            let s = scene(vec![(cube(), vec![Affine3A::from_scale(scale)])]);
+            let (_, _, texels) = bake(&s, &AtlasSettings { texels_per_metre: Some(20.0), ..auto(unwrapper) });
+            assert_eq!(texels.len() as f64, 400.0 * world_area(&s).round(), "sides are whole texels");
+            assert!(texels.area.iter().all(|&a| (a * 400.0 - 1.0).abs() < 1e-3));
+        }
+    }
+}
+
+#[test]
+fn a_resolution_alone_is_filled_by_one_page() {
+    for resolution in [64, 300] {
+        let (atlas, warnings, texels) =
+            bake(&zoo(), &AtlasSettings { resolution: Some(resolution), ..auto(Unwrapper::Fast) });
+        assert_eq!((codes(&warnings), atlas.pages.len()), (vec![], 1));
+        assert_eq!((atlas.pages[0].width, atlas.pages[0].height), (resolution, resolution));
+        assert!(resolution < 100 || texels.len() as f64 > 0.5 * f64::from(resolution * resolution));
+    }
+}
+
+#[test]
+fn resolution_and_density_make_as_many_pages_as_needed() {
+    let settings = AtlasSettings { resolution: Some(64), texels_per_metre: Some(32.0), ..auto(Unwrapper::Fast) };
+    let s = scene(vec![(cube(), vec![Affine3A::IDENTITY; 4])]);
+    let (atlas, warnings, texels) = bake(&s, &settings);
+    assert_eq!(codes(&warnings), [""; 0]);
+    assert!(atlas.pages.len() > 6 && atlas.pages.iter().all(|p| (p.width, p.height) == (64, 64)));
+    check_apart(&atlas, &texels);
+    assert_eq!(texels.len(), 4 * 6 * 32 * 32);
+}
+
+#[test]
+fn requests_override_the_density() {
+    let mut s = scene(vec![(quad(Vec2::ZERO, Vec2::ONE), vec![Affine3A::from_scale(Vec3::splat(2.0)); 4])]);
+    s.instances[1].lightmap = LightmapRequest::TexelsPerMetre(5.0);
+    s.instances[2].lightmap = LightmapRequest::Resolution(7);
+    s.instances[3].lightmap = LightmapRequest::None;
+    let (atlas, _, texels) = bake(&s, &AtlasSettings { texels_per_metre: Some(10.0), ..auto(Unwrapper::Fast) });
+    let sizes: Vec<usize> = texels.charts.iter().map(|c| c.len()).collect();
+    assert_eq!(sizes, [400, 100, 49]);
+    assert!(atlas.layouts[3].is_none());
+}
+
+#[test]
+fn what_is_larger_than_a_page_shrinks_with_a_warning() {
+    let s = scene(vec![(quad(Vec2::ZERO, Vec2::ONE), vec![Affine3A::from_scale(Vec3::splat(100.0))])]);
+    let settings = AtlasSettings { max_page: 128, ..auto(Unwrapper::Fast) };
+    let (atlas, warnings, _) = bake(&s, &settings);
+    assert_eq!(codes(&warnings), ["chart_shrunk"]);
+    assert!(warnings[0].place == "node0" && atlas.pages[0].width <= 128);
+}
+
+#[test]
+fn an_absurd_scale_is_refused() {
+    let s = scene(vec![(quad(Vec2::ZERO, Vec2::ONE), vec![Affine3A::from_scale(Vec3::splat(1e7))])]);
+    for unwrapper in [Unwrapper::Xatlas, Unwrapper::Fast] {
+        let error = build(&s, &auto(unwrapper), &Silent).expect_err("10¹⁶ texels are too many");
+        assert!(error.to_string().contains("--texels-per-metre"), "{error}");
+    }
+    let tiny = scene(vec![(cube(), vec![Affine3A::from_scale(Vec3::splat(1e-7))])]);
+    assert!(!bake(&tiny, &AtlasSettings::default()).2.is_empty());
+}
+
+#[test]
+fn a_wide_range_of_scales_fits_one_page() {
+    let place = vec![Affine3A::from_scale(Vec3::splat(1000.0)), Affine3A::from_scale(Vec3::splat(1e-3))];
+    let (atlas, _, texels) =
+        bake(&scene(vec![(cube(), place)]), &AtlasSettings { resolution: Some(128), ..auto(Unwrapper::Xatlas) });
+    check_apart(&atlas, &texels);
+}
+
+#[test]
+fn repeats_of_every_mode_are_identical() {
+    let settings = [
+        auto(Unwrapper::Xatlas),
+        auto(Unwrapper::Fast),
+        AtlasSettings { resolution: Some(256), ..auto(Unwrapper::Xatlas) },
+        AtlasSettings { uv: UvMode::Pack, ..AtlasSettings::default() },
+    ];
+    for settings in settings {
+        assert_eq!(bake(&zoo(), &settings), bake(&zoo(), &settings));
+    }
+}
+
+#[test]
+fn pack_keeps_islands_and_gives_every_instance_its_own() {
+    // Two quads that lie upon each other in TEXCOORD_1, far from the density and the proportions of the world.
+    let s = scene(vec![
+        (quad(Vec2::splat(0.1), Vec2::new(0.2, 0.9)), vec![Affine3A::IDENTITY, Affine3A::from_scale(Vec3::splat(2.0))]),
+        (quad(Vec2::splat(-7.0), Vec2::splat(3.0)), vec![Affine3A::IDENTITY]),
+    ]);
+    let settings = AtlasSettings { uv: UvMode::Pack, texels_per_metre: Some(10.0), ..AtlasSettings::default() };
+    let (atlas, warnings, texels) = bake(&s, &settings);
+    assert_eq!((codes(&warnings), atlas.unwrapper), (vec![], "pack"));
+    check_apart(&atlas, &texels);
+    assert_eq!(texels.charts.iter().map(|c| c.len()).collect::<Vec<_>>(), [100, 400, 100]);
+}
+
+#[test]
+fn pack_takes_stacked_islands_apart() {
+    let s = scene(vec![(cube(), vec![Affine3A::IDENTITY])]);
+    let (atlas, _, texels) = bake(&s, &AtlasSettings { uv: UvMode::Pack, ..AtlasSettings::default() });
+    assert_eq!(atlas.charts.len(), 6);
+    check_apart(&atlas, &texels);
+    close(total_area(&texels), 6.0, 1e-3);
+}
+
+#[test]
+fn pack_falls_back_to_the_first_set_and_lays_flat_what_has_none() {
+    let mut first = quad(Vec2::ZERO, Vec2::ONE);
+    first.texcoords.swap(0, 1);
+    // Every triangle of the sphere has one point of TEXCOORD_1 only.
+    let s = scene(vec![(first, vec![Affine3A::IDENTITY]), (sphere(6), vec![Affine3A::IDENTITY])]);
+    let settings = AtlasSettings { uv: UvMode::Pack, ..AtlasSettings::default() };
+    let (atlas, warnings, texels) = bake(&s, &settings);
+    assert_eq!(codes(&warnings), ["texcoord_scattered"]);
+    check_apart(&atlas, &texels);
+    close(total_area(&texels), world_area(&s), 1e-3);
+
+    let mut bare = quad(Vec2::ZERO, Vec2::ONE);
+    bare.texcoords.clear();
+    let error = build(&scene(vec![(bare, vec![Affine3A::IDENTITY])]), &settings, &Silent);
+    assert!(matches!(error, Err(AtlasError::MissingTexcoords { nodes, .. }) if nodes == ["node0"]));
+}
+
+#[test]
+fn degenerate_geometry_is_survived() {
+    let one = vec![Affine3A::IDENTITY];
+    let mut needles: Vec<[Vec3; 3]> =
+        (0..40).map(|i| [Vec3::ZERO, Vec3::X, Vec3::new(0.5, 10f32.powi(-i), 0.0)]).collect();
+    // One edge with three sheets, and the same triangle from both sides.
+    needles.extend([[Vec3::ZERO, Vec3::X, Vec3::Z], [Vec3::ZERO, Vec3::X, -Vec3::Z], [Vec3::X, Vec3::ZERO, Vec3::Z]]);
+    let mut soup = mesh(&needles, |_, k| [Vec2::ZERO, Vec2::X, Vec2::Y][k]);
+    soup.normals.iter_mut().for_each(|n| *n = n.normalize_or(Vec3::Y));
+    let s = scene(vec![(soup, one)]);
+    for settings in
+        [auto(Unwrapper::Xatlas), auto(Unwrapper::Fast), AtlasSettings { uv: UvMode::Pack, ..AtlasSettings::default() }]
+    {
+        let (atlas, _, texels) = bake(&s, &settings);
+        assert!(!texels.is_empty());
+        check_apart(&atlas, &texels);
+    }
+}
+
 #[test]
 fn keep_names_the_nodes_without_coordinates() {
     let mut bare = quad(Vec2::ZERO, Vec2::ONE);
@@ -383,7 +628,11 @@ fn cancelling_ends_it() {
         }
     }
     let s = scene(vec![(quad(Vec2::ZERO, Vec2::ONE), vec![Affine3A::IDENTITY])]);
-    assert!(matches!(build(&s, &keep(8), &Impatient), Err(AtlasError::Cancelled(_))));
+    for settings in
+        [keep(8), auto(Unwrapper::Xatlas), auto(Unwrapper::Fast), AtlasSettings { uv: UvMode::Pack, ..keep(8) }]
+    {
+        assert!(matches!(build(&s, &settings, &Impatient), Err(AtlasError::Cancelled(_))));
+    }
     let (atlas, _) = build(&s, &keep(8), &Silent).expect("the scene can be laid out");
     assert_eq!(rasterise(&s, &atlas, &Impatient), Err(Cancelled));
 }

@@ -1,6 +1,6 @@
 //! Lays out the atlas: scene and settings → pages, charts and where every triangle lies.
 
-use super::{Atlas, keep};
+use super::{Atlas, keep, place};
 use crate::progress::{Cancelled, Progress};
 use crate::scene::Scene;
 use crate::warning::Warning;
@@ -87,6 +87,25 @@ pub enum AtlasError {
         /// Paths of the nodes.
         nodes: Vec<String>,
     },
+    /// The density asks for more than can be held.
+    #[error(
+        "the scene needs {texels:.2e} texels at this density, {most:.2e} are possible: \
+         lower `--texels-per-metre`, or give `--resolution` alone; also check the scene's scale"
+    )]
+    TooManyTexels {
+        /// Texels that the surfaces would cover.
+        texels: f64,
+        /// The most that is possible.
+        most: f64,
+    },
+    /// The tool that makes charts failed.
+    #[error("{tool} could not unwrap the scene: {reason}; try `--unwrapper fast` or `--uv pack`")]
+    Unwrapper {
+        /// Name of the tool.
+        tool: &'static str,
+        /// What it said.
+        reason: String,
+    },
 }
 
 /// Lays out a lightmap for every instance that wants one. Defects of single meshes are warnings.
@@ -98,7 +117,7 @@ pub fn build(
     check(settings)?;
     match settings.uv {
         UvMode::Keep => keep::build(scene, settings, progress),
-        UvMode::Auto | UvMode::Pack => keep::build(scene, settings, progress),
+        UvMode::Auto | UvMode::Pack => place::build(scene, settings, progress),
     }
 }
 

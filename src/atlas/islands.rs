@@ -9,29 +9,37 @@ use std::collections::HashMap;
 /// Two triangles share an edge if both its ends agree exactly in `uv` (one per vertex) and in position; vertices that
 /// were split for normals or other sets do not separate an island.
 pub(super) fn islands(mesh: &Mesh, uv: &[Vec2]) -> (Vec<u32>, usize) {
-    let mut corner_of = HashMap::with_capacity(mesh.positions.len());
-    let corner: Vec<u32> = (0..mesh.positions.len())
-        .map(|v| {
-            let next = corner_of.len() as u32;
-            *corner_of.entry(key(uv[v], mesh.positions[v])).or_insert(next)
-        })
-        .collect();
-
+    let mut numbers = CornerNumbers::default();
+    let corner: Vec<u32> = uv.iter().zip(&mesh.positions).map(|(&uv, &p)| numbers.number(uv, p)).collect();
     let mut sets = DisjointSets::new(mesh.triangles.len());
-    let mut edges = HashMap::with_capacity(mesh.triangles.len() * 2);
+    let mut first_at = HashMap::with_capacity(mesh.triangles.len() * 2);
     for (t, triangle) in mesh.triangles.iter().enumerate() {
-        let c = triangle.map(|v| corner[v as usize]);
-        for (a, b) in [(c[0], c[1]), (c[1], c[2]), (c[2], c[0])] {
-            let first = *edges.entry((a.min(b), a.max(b))).or_insert(t as u32);
+        for edge in edges(triangle.map(|v| corner[v as usize])) {
+            let first = *first_at.entry(edge).or_insert(t as u32);
             sets.union(first, t as u32);
         }
     }
     sets.numbered()
 }
 
-/// Bits that are equal exactly if uv and position are (−0 counts as 0).
-fn key(uv: Vec2, p: Vec3) -> [u32; 5] {
-    [uv.x, uv.y, p.x, p.y, p.z].map(|c| (c + 0.0).to_bits())
+/// Numbers corners so that two have the same number exactly if they agree in texture coordinate and position.
+#[derive(Default)]
+pub(super) struct CornerNumbers {
+    known: HashMap<[u32; 5], u32>,
+}
+
+impl CornerNumbers {
+    /// Number of a corner.
+    pub(super) fn number(&mut self, uv: Vec2, p: Vec3) -> u32 {
+        let next = self.known.len() as u32;
+        // Adding zero makes −0 and 0 the same.
+        *self.known.entry([uv.x, uv.y, p.x, p.y, p.z].map(|c| (c + 0.0).to_bits())).or_insert(next)
+    }
+}
+
+/// The three edges of a triangle, each with its smaller corner first.
+pub(super) fn edges([a, b, c]: [u32; 3]) -> [[u32; 2]; 3] {
+    [[a, b], [b, c], [c, a]].map(|[from, to]| [from.min(to), from.max(to)])
 }
 
 /// Union-find over `0..n` (Tarjan 1975); the smallest member represents its set.

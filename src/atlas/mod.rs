@@ -6,11 +6,19 @@
 mod appearance;
 mod build;
 mod coverage;
+mod flatten;
 mod islands;
 mod keep;
+mod overlap;
+mod pack;
+mod place;
 mod rasterise;
+mod shape;
 mod surface;
 mod texels;
+mod unwrap;
+mod uvunwrap;
+mod xatlas;
 
 pub use build::{AtlasError, AtlasSettings, Unwrapper, UvMode, build};
 pub use rasterise::rasterise;
@@ -30,7 +38,7 @@ pub struct Atlas {
     pub layouts: Vec<Option<Layout>>,
     /// Empty texels kept around every chart.
     pub padding: u32,
-    /// Which tool unwrapped: `xatlas`, `uvunwrap` or `keep`.
+    /// Where the charts come from: `xatlas`, `uvunwrap`, `pack` or `keep`.
     pub unwrapper: &'static str,
 }
 
