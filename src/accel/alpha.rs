@@ -1,0 +1,56 @@
+//! Coverage of surfaces: where alpha opens holes, and what blended surfaces let through.
+
+use super::bvh8::AlphaTest;
+use crate::scene::{AlphaMode, Rgb, Scene};
+use glam::{Vec2, Vec4};
+
+/// How rays must treat a triangle, none if it is transparent everywhere.
+pub(super) fn alpha_test(scene: &Scene, instance: usize, triangle: usize) -> Option<AlphaTest> {
+    let mesh = scene.instances[instance].mesh;
+    let material = scene.material_of(mesh, triangle);
+    let varies = material.base_color_texture.is_some() || !scene.meshes[mesh].colors.is_empty();
+    match material.alpha_mode {
+        AlphaMode::Opaque => Some(AlphaTest::None),
+        AlphaMode::Mask(_) if varies => Some(AlphaTest::Mask),
+        AlphaMode::Mask(cutoff) => (material.alpha >= cutoff).then_some(AlphaTest::None),
+        AlphaMode::Blend if varies => Some(AlphaTest::Blend),
+        AlphaMode::Blend if material.alpha >= 1.0 => Some(AlphaTest::None),
+        AlphaMode::Blend => (material.alpha > 0.0).then_some(AlphaTest::Blend),
+    }
+}
+
+/// Base colour (linear) and alpha at a point of a triangle: factor × texture × vertex colour, whatever the alpha mode.
+pub fn base_color_at(scene: &Scene, instance: usize, triangle: usize, barycentric: Vec2) -> Vec4 {
+    let mesh = scene.instances[instance].mesh;
+    let material = scene.material_of(mesh, triangle);
+    let geometry = &scene.meshes[mesh];
+    let mut color = material.base_color.extend(material.alpha);
+    if let Some(slot) = &material.base_color_texture
+        && let Some(set) = geometry.texcoords.get(slot.set).filter(|set| !set.is_empty())
+    {
+        let uv = slot.coordinate(scene.interpolate(mesh, triangle, barycentric, set));
+        color *= scene.textures[slot.texture].sample(uv, slot.wrap, slot.filter);
+    }
+    if !geometry.colors.is_empty() {
+        color *= scene.interpolate(mesh, triangle, barycentric, &geometry.colors);
+    }
+    color
+}
+
+/// True if a masked surface is there at that point.
+pub(super) fn covers(scene: &Scene, instance: usize, triangle: usize, barycentric: Vec2) -> bool {
+    match scene.material_of(scene.instances[instance].mesh, triangle).alpha_mode {
+        AlphaMode::Mask(cutoff) => base_color_at(scene, instance, triangle, barycentric).w >= cutoff,
+        AlphaMode::Opaque | AlphaMode::Blend => true,
+    }
+}
+
+/// Share of light per channel that goes straight through a blended surface of base colour `c` and alpha `a`:
+/// (1 − a)·(1 − a + a·c). It is 1 where there is no coverage, 0 where it is full, and in between the more tinted by the
+/// surface's colour the more it covers. glTF leaves open what a blended surface does to the light behind it; the factor
+/// 1 − a is its compositing, the tint is ours.
+pub(super) fn transmitted(color: Vec4) -> Rgb {
+    let alpha = color.w.clamp(0.0, 1.0);
+    let tint = color.truncate().clamp(Rgb::ZERO, Rgb::ONE);
+    (1.0 - alpha) * (Rgb::splat(1.0 - alpha) + alpha * tint)
+}

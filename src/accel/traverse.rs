@@ -1,0 +1,212 @@
+//! Traversal of the wide hierarchy, generic over what is asked ([`Query`]) and over the instruction set ([`Kernel`]).
+
+use super::Ray;
+use super::bvh8::{Child, Node8, Tri4};
+use super::sah::MAX_DEPTH;
+use glam::Vec3;
+use std::hash::{DefaultHasher, Hash, Hasher};
+use std::mem::MaybeUninit;
+
+/// Every level leaves at most seven siblings behind.
+const STACK: usize = 7 * MAX_DEPTH + 1;
+
+/// Components of directions below this share of the largest count as zero, which moves a ray by less than its rounding.
+const SMALLEST_SLOPE: f32 = 1e-12;
+/// Relative error that the box test allows for, more than that of its arithmetic.
+const SLACK: f32 = 4.0 * f32::EPSILON;
+
+/// Arrays that a traversal reads.
+pub(super) struct Bvh8 {
+    pub(super) nodes: Vec<Node8>,
+    pub(super) blocks: Vec<Tri4>,
+    pub(super) root: Option<Child>,
+}
+
+impl Bvh8 {
+    /// Memory of the arrays, bytes.
+    pub(super) fn size(&self) -> usize {
+        size_of_val(&self.nodes[..]) + size_of_val(&self.blocks[..])
+    }
+
+    /// Hash of everything stored.
+    pub(super) fn digest(&self) -> u64 {
+        let mut hasher = DefaultHasher::new();
+        for node in &self.nodes {
+            node.planes.as_flattened().iter().for_each(|x| x.to_bits().hash(&mut hasher));
+            node.child.iter().for_each(|c| c.0.hash(&mut hasher));
+        }
+        for block in &self.blocks {
+            let corners = block.corners.as_flattened().as_flattened();
+            corners.iter().for_each(|x| x.to_bits().hash(&mut hasher));
+            block.triangle.hash(&mut hasher);
+        }
+        hasher.finish()
+    }
+}
+
+/// Where a ray meets up to four triangles of a block.
+pub(super) struct BlockHits {
+    /// One bit per lane.
+    pub(super) mask: u32,
+    /// Distances.
+    pub(super) t: [f32; 4],
+    /// Barycentrics of the second corners.
+    pub(super) v: [f32; 4],
+    /// Barycentrics of the third corners.
+    pub(super) w: [f32; 4],
+}
+
+/// What is asked about a ray.
+pub(super) trait Query {
+    /// True if nearer boxes are to be visited first.
+    const ORDERED: bool;
+    /// Distances beyond this do not matter any more; the limit itself still does.
+    fn limit(&self) -> f32;
+    /// Takes notice of hits; true ends the traversal.
+    fn hit(&mut self, block: &Tri4, hits: BlockHits) -> bool;
+}
+
+/// Box and triangle tests of an instruction set. All kernels give the same triangle hits, bit by bit; box tests may
+/// differ in hits that lie within their slack.
+pub(super) trait Kernel {
+    /// The ray as the tests need it.
+    type Prepared: Copy;
+    /// Prepares a ray.
+    fn prepare(ray: &RayFrame) -> Self::Prepared;
+    /// Lanes whose box the segment up to `limit` may meet, and the distances where it enters them.
+    fn boxes(ray: &Self::Prepared, node: &Node8, limit: f32, near: &mut [f32; 8]) -> u32;
+    /// Triangles met within `t_min < t ≤ limit`.
+    fn triangles(ray: &Self::Prepared, block: &Tri4, limit: f32) -> Option<BlockHits>;
+}
+
+/// A ray with all that the tests derive from it.
+pub(super) struct RayFrame {
+    pub(super) origin: Vec3,
+    pub(super) t_min: f32,
+    /// Reciprocal direction.
+    pub(super) reciprocal: Vec3,
+    /// Distance by which rounding may displace box planes, per axis.
+    pub(super) slack: Vec3,
+    /// Relative error of the distances to box planes.
+    pub(super) relative_slack: f32,
+    /// Axis of the largest direction component, last, and the two others.
+    pub(super) axes: [usize; 3],
+    /// Shear that maps the direction to that axis, and its scale.
+    pub(super) shear: [f32; 3],
+}
+
+impl RayFrame {
+    /// None if the ray cannot meet anything: not finite, no direction, or an empty segment.
+    #[inline(always)]
+    pub(super) fn new(ray: &Ray) -> Option<Self> {
+        let (o, d) = (ray.origin, ray.direction);
+        let size = d.abs();
+        let largest = size.max_element();
+        if !(o.is_finite() && d.is_finite() && largest > 0.0 && ray.t_min < ray.t_max) {
+            return None;
+        }
+        let z = if size.z == largest {
+            2
+        } else if size.y == largest {
+            1
+        } else {
+            0
+        };
+        let (x, y) = ((z + 1) % 3, (z + 2) % 3);
+        let smallest = largest * SMALLEST_SLOPE;
+        let slope = |d: f32| if d.abs() < smallest { smallest.copysign(d) } else { d };
+        let reciprocal = Vec3::new(slope(d.x), slope(d.y), slope(d.z)).recip();
+        Some(Self {
+            origin: o,
+            t_min: ray.t_min,
+            reciprocal,
+            slack: reciprocal.abs() * (o.abs().max_element() * SLACK),
+            relative_slack: SLACK,
+            axes: [x, y, z],
+            shear: [d[x] / d[z], d[y] / d[z], 1.0 / d[z]],
+        })
+    }
+}
+
+/// A child and where the ray enters it.
+#[derive(Clone, Copy)]
+struct Entry {
+    near: f32,
+    child: Child,
+}
+
+/// Visits everything along the ray until `query` has enough; true if it ended the traversal.
+#[inline(always)]
+pub(super) fn traverse<K: Kernel, Q: Query>(bvh: &Bvh8, root: Child, frame: &RayFrame, query: &mut Q) -> bool {
+    let ray = K::prepare(frame);
+    let mut stack = [MaybeUninit::<Entry>::uninit(); STACK];
+    let mut height = 0;
+    let mut child = root;
+    let mut near = [0.0; 8];
+    loop {
+        // Go down to a leaf.
+        while child.is_inner() {
+            let node = &bvh.nodes[child.index()];
+            let mut hits = K::boxes(&ray, node, query.limit(), &mut near);
+            if hits == 0 {
+                break;
+            }
+            let lane = hits.trailing_zeros() as usize;
+            hits &= hits - 1;
+            child = node.child[lane];
+            if hits == 0 {
+                continue;
+            }
+            let mut nearest = Entry { near: near[lane], child };
+            let base = height;
+            while hits != 0 {
+                let lane = hits.trailing_zeros() as usize;
+                hits &= hits - 1;
+                let mut entry = Entry { near: near[lane], child: node.child[lane] };
+                if Q::ORDERED {
+                    if entry.near < nearest.near {
+                        std::mem::swap(&mut entry, &mut nearest);
+                    }
+                    // Keep the farthest at the bottom.
+                    let mut at = height;
+                    while at > base {
+                        // SAFETY: entries from `base` to `height` have been written.
+                        let below = unsafe { stack[at - 1].assume_init() };
+                        if below.near >= entry.near {
+                            break;
+                        }
+                        stack[at] = MaybeUninit::new(below);
+                        at -= 1;
+                    }
+                    stack[at] = MaybeUninit::new(entry);
+                } else {
+                    stack[height] = MaybeUninit::new(entry);
+                }
+                height += 1;
+            }
+            child = nearest.child;
+        }
+        if !child.is_inner() {
+            for block in &bvh.blocks[child.index()..][..child.blocks()] {
+                if let Some(hits) = K::triangles(&ray, block, query.limit())
+                    && query.hit(block, hits)
+                {
+                    return true;
+                }
+            }
+        }
+        // Next entry that still matters.
+        loop {
+            if height == 0 {
+                return false;
+            }
+            height -= 1;
+            // SAFETY: entries below `height` have been written.
+            let entry = unsafe { stack[height].assume_init() };
+            if !Q::ORDERED || entry.near <= query.limit() {
+                child = entry.child;
+                break;
+            }
+        }
+    }
+}
