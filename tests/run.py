@@ -1,0 +1,144 @@
+"""Runs every check of the project and installs what the checks need.
+
+    python3 tests/run.py
+
+In: a machine with Rust, a C++ compiler, Python 3.11 with pip, and Node 18 with npm. Chromium is installed with apt
+where that is possible. Everything else goes into .deps/ inside the repository. Out: the checks' own output, a summary,
+and exit code 0 only if all passed.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import shutil
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+DEPS = ROOT / ".deps"
+VENV_PYTHON = DEPS / "venv" / ("Scripts/python.exe" if os.name == "nt" else "bin/python")
+REQUIREMENTS = ROOT / "tests" / "python" / "requirements.txt"
+NPM_FILES = [ROOT / "tests" / "web" / name for name in ("package.json", "package-lock.json", ".npmrc")]
+BROWSERS = ("chromium", "chromium-browser", "google-chrome")
+
+
+class Failed(Exception):
+    """A check did not pass, or cannot run; the message says what to do."""
+
+
+@dataclass
+class Outcome:
+    """How a section ended."""
+
+    title: str
+    seconds: float
+    failure: str | None
+
+
+def call(*command: str | Path, cwd: Path = ROOT) -> None:
+    """Runs a command with its output shown. Raises Failed if it is missing or fails."""
+    print("$", *command, flush=True)
+    if not shutil.which(str(command[0])):
+        raise Failed(f"`{command[0]}` is not installed")
+    code = subprocess.run(command, cwd=cwd, check=False).returncode
+    if code != 0:
+        raise Failed(f"`{Path(command[0]).name} {command[1]}` ended with exit code {code}")
+
+
+def install_once(folder: Path, inputs: list[Path], install: Callable[[], None]) -> None:
+    """Runs `install` unless the folder holds the stamp of the same inputs."""
+    digest = hashlib.sha256(b"".join(path.read_bytes() for path in inputs)).hexdigest()
+    stamp = folder / ".installed"
+    if stamp.is_file() and stamp.read_text() == digest:
+        return
+    install()
+    stamp.write_text(digest)
+
+
+def prepare_build() -> None:
+    """Libclang and headers for the binding of xatlas."""
+    call(sys.executable, ROOT / "bootstrap.py")
+
+
+def prepare_python() -> None:
+    """A virtual environment with the Python tools. Needs neither ensurepip nor a writable system Python."""
+
+    def install() -> None:
+        call(sys.executable, "-m", "venv", "--clear", "--without-pip", DEPS / "venv")
+        call(sys.executable, "-m", "pip", "--python", VENV_PYTHON, "install", "--quiet", "-r", REQUIREMENTS)
+
+    install_once(DEPS / "venv", [REQUIREMENTS], install)
+
+
+def prepare_web() -> None:
+    """The Khronos validator, three.js and the browser's driver."""
+    folder = DEPS / "npm"
+
+    def install() -> None:
+        folder.mkdir(parents=True, exist_ok=True)
+        for path in NPM_FILES:
+            shutil.copy(path, folder)
+        call("npm", "ci", "--ignore-scripts", cwd=folder)
+
+    install_once(folder, NPM_FILES, install)
+
+
+def prepare_browser() -> None:
+    """Chromium, from the system or with apt."""
+    if os.environ.get("CHROMIUM") or any(shutil.which(name) for name in BROWSERS):
+        return
+    if not (shutil.which("apt-get") and hasattr(os, "geteuid") and os.geteuid() == 0):
+        raise Failed("no Chromium: install it (Debian: `apt-get install chromium`) or name its program in CHROMIUM")
+    call("apt-get", "update", "--quiet")
+    call("apt-get", "install", "--yes", "--quiet", "--no-install-recommends", "chromium")
+
+
+# In this order: what is quick to fail comes first, and the tests use what the build has compiled.
+SECTIONS: list[tuple[str, Callable[[], None]]] = [
+    ("Prepare the build", prepare_build),
+    ("Prepare Python", prepare_python),
+    ("Prepare the web tools", prepare_web),
+    ("Prepare a browser", prepare_browser),
+    ("Rust format", lambda: call("cargo", "fmt", "--check")),
+    ("Python style", lambda: call(VENV_PYTHON, "-m", "ruff", "check", ".")),
+    ("Python format", lambda: call(VENV_PYTHON, "-m", "ruff", "format", "--check", ".")),
+    ("Python types", lambda: call(VENV_PYTHON, "-m", "mypy")),
+    ("Build", lambda: call("cargo", "build", "--release", "--locked")),
+    ("Rust tests", lambda: call("cargo", "test", "--release", "--locked")),
+    ("Python tests", lambda: call(VENV_PYTHON, "-m", "pytest")),
+    ("Rust lints", lambda: call("cargo", "clippy", "--release", "--locked", "--all-targets", "--", "-D", "warnings")),
+]
+
+
+def run_section(title: str, check: Callable[[], None]) -> Outcome:
+    """Runs one section under its heading."""
+    print(f"\n=== {title}", flush=True)
+    start = time.monotonic()
+    failure: str | None = None
+    try:
+        check()
+    except Failed as error:
+        failure = str(error)
+        print(f"FAILED: {failure}", flush=True)
+    return Outcome(title, time.monotonic() - start, failure)
+
+
+def main() -> int:
+    """Runs all sections, whatever fails, and sums up."""
+    outcomes = [run_section(title, check) for title, check in SECTIONS]
+    print("\n=== Summary")
+    for outcome in outcomes:
+        verdict = "ok" if outcome.failure is None else f"FAILED: {outcome.failure}"
+        print(f"{outcome.title:<22} {outcome.seconds:6.0f} s  {verdict}")
+    failures = sum(outcome.failure is not None for outcome in outcomes)
+    print("All checks passed." if failures == 0 else f"{failures} of {len(outcomes)} sections failed.")
+    return 1 if failures else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
