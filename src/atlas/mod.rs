@@ -3,8 +3,10 @@
 //! Page coordinates are in texels, x to the right and y down (glTF's UV origin); the texel (x, y) covers the square
 //! from (x, y) to (x+1, y+1).
 
+mod image;
 mod texels;
 
+pub use image::PageImage;
 pub use texels::{NO_TEXEL, PageTexels, SurfacePoint, Texels};
 
 use glam::Vec2;
