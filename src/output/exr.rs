@@ -83,7 +83,8 @@ fn encode(page: &PageImage, precision: Precision, attributes: &PageAttributes) -
 fn layer_attributes(attributes: &PageAttributes) -> LayerAttributes {
     let version = env!("CARGO_PKG_VERSION");
     let text = |value: &str| AttributeValue::Text(Text::from(value));
-    let mut layer = LayerAttributes { software_name: Some(format!("lightkiln {version}").as_str().into()), ..Default::default() };
+    let mut layer =
+        LayerAttributes { software_name: Some(format!("lightkiln {version}").as_str().into()), ..Default::default() };
     layer.other.extend([
         ("lightkiln:quantity".into(), text(attributes.quantity.name())),
         ("lightkiln:unit".into(), text(attributes.quantity.unit())),
@@ -122,7 +123,8 @@ fn sort_attributes(file: &mut [u8]) {
     let mut attributes: Vec<Vec<u8>> = Vec::new();
     let mut at = PREFIX;
     while file[at] != 0 {
-        let string_end = |from: usize| from + file[from..].iter().position(|&b| b == 0).expect("names end with zero") + 1;
+        let string_end =
+            |from: usize| from + file[from..].iter().position(|&b| b == 0).expect("names end with zero") + 1;
         let size_at = string_end(string_end(at));
         let size = i32::from_le_bytes(file[size_at..size_at + 4].try_into().expect("four bytes")) as usize;
         let end = size_at + 4 + size;

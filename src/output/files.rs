@@ -207,8 +207,12 @@ impl OutputSet {
 
     /// Makes the folder and those above it that are missing.
     fn create_folder(&mut self) -> Result<(), OutputError> {
-        let missing: Vec<PathBuf> =
-            self.folder.ancestors().take_while(|p| !p.as_os_str().is_empty() && !p.exists()).map(Path::to_path_buf).collect();
+        let missing: Vec<PathBuf> = self
+            .folder
+            .ancestors()
+            .take_while(|p| !p.as_os_str().is_empty() && !p.exists())
+            .map(Path::to_path_buf)
+            .collect();
         for path in missing.into_iter().rev() {
             let mut list = unfinished();
             match fs::create_dir(&path) {
@@ -217,7 +221,9 @@ impl OutputSet {
                     self.created.push(path);
                 }
                 Err(e) if e.kind() == ErrorKind::AlreadyExists => {}
-                Err(e) if e.kind() == ErrorKind::NotADirectory => return Err(OutputError::NotAFolder(self.folder.clone())),
+                Err(e) if e.kind() == ErrorKind::NotADirectory => {
+                    return Err(OutputError::NotAFolder(self.folder.clone()));
+                }
                 Err(e) if e.kind() == ErrorKind::StorageFull => return Err(OutputError::writing(&path, e)),
                 Err(source) => return Err(OutputError::NotWritable { folder: self.folder.clone(), source }),
             }

@@ -14,7 +14,8 @@ const THUMBNAIL: u32 = 384;
 pub fn write_html(sink: &mut dyn Write, report: &Report, pages: &[PageImage]) -> io::Result<()> {
     let mut body = String::new();
     let title = escape(&report.scene.name);
-    let _ = write!(body, "<h1>{title}</h1><p class=sub>lightkiln {} · {}</p>", report.version, escape(&report.scene.file));
+    let _ =
+        write!(body, "<h1>{title}</h1><p class=sub>lightkiln {} · {}</p>", report.version, escape(&report.scene.file));
     body += "<div class=pages>";
     for (page, facts) in pages.iter().zip(&report.atlas.pages) {
         let _ = write!(
@@ -180,7 +181,8 @@ mod tests {
         page.rgb[0] = Rgb::splat(1e30);
         page.rgb[1] = Rgb::ONE;
         page.valid[1] = true;
-        let png = image::load_from_memory(&thumbnail(&page).expect("memory takes everything")).expect("a PNG").into_rgb8();
+        let png =
+            image::load_from_memory(&thumbnail(&page).expect("memory takes everything")).expect("a PNG").into_rgb8();
         assert!(png.width() <= THUMBNAIL && png.height() <= THUMBNAIL);
         assert_eq!(png.get_pixel(0, 0).0, [tone_map(1.0); 3]);
     }

@@ -2,7 +2,9 @@
 
 pub mod exr;
 pub mod files;
+pub mod glb;
 pub mod html;
+pub mod identity;
 pub mod process;
 pub mod report;
 

@@ -3,8 +3,10 @@
 //! The structs are the schema: fields are only ever added within one schema version.
 
 use super::process;
+use crate::atlas::PageImage;
 use crate::progress::Stage;
 use crate::warning::Warning;
+use glam::{DVec3, Vec3};
 use serde::Serialize;
 use serde_json::Value;
 use std::collections::BTreeMap;
@@ -124,6 +126,18 @@ pub struct PageFacts {
     pub mean: [f32; 3],
     /// Largest channel value.
     pub max: f32,
+}
+
+impl PageFacts {
+    /// Facts about `page`, which is written to `file`.
+    pub fn of(file: String, page: &PageImage) -> Self {
+        let valid = || page.rgb.iter().zip(&page.valid).filter(|(_, v)| **v).map(|(c, _)| *c);
+        let texels = valid().count();
+        let sum: DVec3 = valid().map(Vec3::as_dvec3).sum();
+        let mean = (sum / texels.max(1) as f64).as_vec3().to_array();
+        let max = valid().map(|c| c.max_element()).fold(0.0, f32::max);
+        Self { file, width: page.width, height: page.height, texels, mean, max }
+    }
 }
 
 impl Report {
