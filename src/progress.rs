@@ -1,5 +1,6 @@
 //! How far the bake is, and whether it should go on. Stages report here; the binary decides what to show.
 
+use crate::warning::Warning;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use thiserror::Error;
 
@@ -52,6 +53,8 @@ impl Stage {
 pub trait Progress: Sync {
     /// `done` of `stage`, 0..=1.
     fn report(&self, stage: Stage, done: f64);
+    /// A fault of the asset, as soon as it is known. The report lists it, too.
+    fn warn(&self, _warning: &Warning) {}
     /// True once the user asked to stop; stays true.
     fn is_cancelled(&self) -> bool;
 }

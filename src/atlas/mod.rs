@@ -7,6 +7,7 @@ mod appearance;
 mod build;
 mod coverage;
 mod flatten;
+mod image;
 mod islands;
 mod keep;
 mod overlap;
@@ -15,6 +16,7 @@ mod place;
 mod rasterise;
 mod shape;
 mod surface;
+
 mod texels;
 mod unwrap;
 mod uvunwrap;
@@ -22,6 +24,7 @@ mod xatlas;
 
 pub use build::{AtlasError, AtlasSettings, Unwrapper, UvMode, build};
 pub use rasterise::rasterise;
+pub use image::PageImage;
 pub use texels::{NO_TEXEL, PageTexels, SurfacePoint, Texels};
 
 use glam::Vec2;

@@ -6,6 +6,7 @@ use crate::gather::{
     self, CellSettings, DirectSettings, Emission, Footprint, Lamp, Lamps, Lightmap, ProbeSettings, Source,
 };
 use crate::hierarchy::{self, Hierarchy, Side, Surface, Surfels};
+use crate::output::report::{SolverFacts, StageClock};
 use crate::progress::{Cancelled, Progress, Stage};
 use crate::scene::{Rgb, Scene};
 use crate::solve::{self, Elements, SolveSettings};
@@ -22,34 +23,20 @@ const ELEMENT_RAYS: u32 = 16;
 
 /// What the lighting stages did.
 #[derive(Clone, Debug, Default)]
-pub struct Counts {
-    /// Nodes of the hierarchy.
-    pub nodes: usize,
-    /// Elements, its leaves.
-    pub elements: usize,
-    /// Links between nodes.
-    pub links: usize,
-    /// Iterations of the solution.
-    pub iterations: u32,
-    /// Probes of the final gather.
-    pub probes: usize,
+pub(super) struct Counts {
+    /// Sizes of the radiosity system and of the gather.
+    pub(super) solver: SolverFacts,
     /// Rays by purpose.
-    pub rays: BTreeMap<&'static str, u64>,
-}
-
-/// Runs a stage under the caller's clock.
-pub trait Clock {
-    /// Runs `work` and books its time on `stage`.
-    fn measure<T>(&mut self, stage: Stage, work: impl FnOnce() -> T) -> T;
+    pub(super) rays: BTreeMap<String, u64>,
 }
 
 /// Irradiance of every texel to within about `error` (relative RMSE).
-pub fn light(
+pub(super) fn light(
     scene: &Scene,
     atlas: &Atlas,
     texels: &Texels,
     error: f32,
-    clock: &mut impl Clock,
+    clock: &mut StageClock,
     progress: &dyn Progress,
 ) -> Result<(Lightmap, Counts), Cancelled> {
     let mut counts = Counts::default();
@@ -63,7 +50,7 @@ pub fn light(
     let (direct, rays) = clock.measure(Stage::Direct, || {
         gather::texel_direct(&lamps, atlas, texels, &footprint, &direct_settings, progress)
     })?;
-    counts.rays.insert("shadow", rays);
+    counts.rays.insert("shadow".into(), rays);
 
     let (surfels, tree, element_direct, irradiance) = clock.measure(Stage::Solve, || {
         let surfels = Surfels::new(scene, atlas, texels);
@@ -72,12 +59,12 @@ pub fn light(
         let survey = solve::survey(&accel, &surfels, &tree, SURVEY_RAYS, progress)?;
         let exchange = Exchange { hierarchy: &tree, surfels: &surfels, accel: &accel };
         let solution = solve::solve(&exchange, &elements, &survey, &SolveSettings::for_error(error), progress)?;
-        counts.nodes = tree.nodes.len();
-        counts.elements = tree.elements.len();
-        counts.links = solution.links.len();
-        counts.iterations = solution.iterations;
-        counts.rays.insert("link", solution.rays);
-        counts.rays.insert("survey", survey.rays + (BACK_RAYS as usize * tree.elements.len()) as u64);
+        counts.solver.nodes = tree.nodes.len() as u64;
+        counts.solver.elements = tree.elements.len() as u64;
+        counts.solver.links = solution.links.len() as u64;
+        counts.solver.iterations = solution.iterations;
+        counts.rays.insert("link".into(), solution.rays);
+        counts.rays.insert("survey".into(), survey.rays + (BACK_RAYS as usize * tree.elements.len()) as u64);
         Ok((surfels, tree, elements.direct, solution.irradiance))
     })?;
 
@@ -87,8 +74,8 @@ pub fn light(
         let floor = 0.1 * mean(texels, &direct, &tree, &irradiance);
         gather::indirect(&source, atlas, texels, &footprint, &cell_settings(error, floor), progress)
     })?;
-    counts.probes = indirect.probes;
-    counts.rays.insert("gather", indirect.rays);
+    counts.solver.probes = indirect.probes as u64;
+    counts.rays.insert("gather".into(), indirect.rays);
     let combined = direct.iter().zip(&indirect.irradiance).map(|(&d, &i)| d + i).collect();
     let usable = (0..texels.len() as u32).map(|t| !footprint.is_hidden(t)).collect();
     Ok((Lightmap { direct, combined, usable }, counts))

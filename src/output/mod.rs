@@ -1,1 +1,40 @@
-//! output
+//! Writing what was baked: EXR pages, the lit GLB and the report, all or none of them.
+
+pub mod exr;
+pub mod files;
+pub mod glb;
+pub mod html;
+pub mod identity;
+pub mod process;
+pub mod report;
+
+pub use files::{OutputError, OutputSet};
+pub use report::Report;
+
+use crate::units::Quantity;
+use serde::Serialize;
+use std::path::PathBuf;
+
+/// Bits per channel of the EXR pages.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Precision {
+    /// Half floats: 11 significant bits, up to 65504.
+    #[default]
+    Half,
+    /// Single floats.
+    Float,
+}
+
+/// Where the results go and in which form.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct OutputSettings {
+    /// Folder of the results; created if it does not exist.
+    pub folder: PathBuf,
+    /// True: results of an earlier bake in the folder are replaced.
+    pub force: bool,
+    /// What a texel of the EXR pages means.
+    pub quantity: Quantity,
+    /// How it is stored.
+    pub precision: Precision,
+}

@@ -1,1 +1,85 @@
-//! post
+//! From irradiance per texel to pages that can be shown: seams mended, empty texels around charts filled.
+
+mod dilate;
+
+use crate::atlas::{Atlas, PageImage, Texels};
+use crate::progress::{Cancelled, Progress, Stage};
+use crate::scene::{Rgb, Scene};
+use crate::units::Quantity;
+use std::borrow::Cow;
+
+/// What is done to the pages.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct PostSettings {
+    /// True: values on both sides of a chart edge are made to agree where the surface goes on smoothly.
+    pub seams: bool,
+    /// Least distance from a chart, in texels, within which empty texels are filled.
+    pub dilation: u32,
+}
+
+impl Default for PostSettings {
+    fn default() -> Self {
+        Self { seams: true, dilation: 16 }
+    }
+}
+
+/// Pages of irradiance from `values`, one per texel. Values are finite and not negative.
+pub fn finish(
+    atlas: &Atlas,
+    texels: &Texels,
+    _scene: &Scene,
+    values: &[Rgb],
+    settings: &PostSettings,
+    progress: &dyn Progress,
+) -> Result<Vec<PageImage>, Cancelled> {
+    progress.report(Stage::Post, 0.0);
+    let mut pages = place(atlas, texels, values);
+    let count = pages.len().max(1) as f64;
+    for (i, page) in pages.iter_mut().enumerate() {
+        if progress.is_cancelled() {
+            return Err(Cancelled);
+        }
+        dilate::dilate(page, settings.dilation.max(atlas.padding));
+        progress.report(Stage::Post, (i + 1) as f64 / count);
+    }
+    Ok(pages)
+}
+
+/// Pages of `quantity` from pages of irradiance.
+pub fn convert<'a>(
+    irradiance: &'a [PageImage],
+    atlas: &Atlas,
+    texels: &Texels,
+    quantity: Quantity,
+    settings: &PostSettings,
+) -> Cow<'a, [PageImage]> {
+    match quantity {
+        Quantity::Irradiance => Cow::Borrowed(irradiance),
+        Quantity::Radiance => {
+            let mut pages = irradiance.to_vec();
+            pages.iter_mut().flat_map(|p| &mut p.rgb).for_each(|c| *c *= quantity.factor());
+            Cow::Owned(pages)
+        }
+        Quantity::Radiosity => {
+            let mut pages = place(atlas, texels, &texels.reflectance);
+            for (page, irradiance) in pages.iter_mut().zip(irradiance) {
+                dilate::dilate(page, settings.dilation.max(atlas.padding));
+                page.rgb.iter_mut().zip(&irradiance.rgb).for_each(|(c, e)| *c *= *e);
+            }
+            Cow::Owned(pages)
+        }
+    }
+}
+
+/// Pages with each texel's value at its place.
+fn place(atlas: &Atlas, texels: &Texels, values: &[Rgb]) -> Vec<PageImage> {
+    let mut pages: Vec<_> = atlas.pages.iter().map(|p| PageImage::black(p.width, p.height)).collect();
+    for (t, value) in values.iter().enumerate() {
+        let page = &mut pages[atlas.charts[texels.chart[t] as usize].page];
+        let [x, y] = texels.pixel[t];
+        let i = usize::from(y) * page.width as usize + usize::from(x);
+        page.rgb[i] = *value;
+        page.valid[i] = true;
+    }
+    pages
+}

@@ -1,0 +1,287 @@
+//! What was typed. What it means is [`lightkiln::config::Settings`].
+
+use clap::{Args, Parser, Subcommand, ValueEnum};
+use lightkiln::atlas::{AtlasSettings, Unwrapper, UvMode};
+use lightkiln::config::{ERROR_RANGE, Settings};
+use lightkiln::import::ImportSettings;
+use lightkiln::output::{OutputSettings, Precision};
+use lightkiln::units::{LightUnits, Quantity};
+use std::path::{Path, PathBuf};
+
+/// Bakes noise-free lightmaps with clustering hierarchical radiosity.
+#[derive(Debug, Parser)]
+#[command(name = "lightkiln", version, arg_required_else_help = true, disable_help_subcommand = true)]
+pub(crate) struct Arguments {
+    /// What to do.
+    #[command(subcommand)]
+    pub(crate) command: Command,
+}
+
+/// What to do.
+#[derive(Debug, Subcommand)]
+pub(crate) enum Command {
+    /// Bake lightmaps for a glTF scene.
+    Bake(Box<BakeArguments>),
+    /// Show what a glTF scene holds.
+    Info(InfoArguments),
+}
+
+/// `lightkiln bake`.
+#[derive(Debug, Args)]
+pub(crate) struct BakeArguments {
+    /// Scene, .glb or .gltf.
+    pub(crate) scene: PathBuf,
+    /// Folder for the results [default: lightmaps/<name of the scene>].
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    /// Error to aim for, as 2% or 0.02.
+    #[arg(long, value_name = "ERROR", default_value = "2%", value_parser = parse_error)]
+    error: f32,
+    /// Lightmap density; 16 unless a resolution is given.
+    #[arg(long, value_name = "X", value_parser = parse_positive)]
+    texels_per_metre: Option<f32>,
+    /// Width and height of every page; alone, it also decides the density.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=AtlasSettings::LARGEST_PAGE as i64))]
+    resolution: Option<u32>,
+    /// Where lightmap coordinates come from.
+    #[arg(long, value_enum, default_value_t)]
+    uv: UvChoice,
+    /// What makes the charts.
+    #[arg(long, value_enum, default_value_t)]
+    unwrapper: UnwrapperChoice,
+    /// Empty texels between charts.
+    #[arg(long, value_name = "N")]
+    padding: Option<u32>,
+    /// What a texel means.
+    #[arg(long, value_enum, default_value_t)]
+    quantity: QuantityChoice,
+    /// Write 32-bit floats instead of 16-bit ones.
+    #[arg(long)]
+    float: bool,
+    #[command(flatten)]
+    source: SourceArguments,
+    /// Threads to use [default: one per processor].
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    pub(crate) threads: Option<u16>,
+    /// Replace results that exist.
+    #[arg(long)]
+    force: bool,
+    #[command(flatten)]
+    pub(crate) speech: SpeechArguments,
+}
+
+/// `lightkiln info`.
+#[derive(Debug, Args)]
+pub(crate) struct InfoArguments {
+    /// Scene, .glb or .gltf.
+    pub(crate) scene: PathBuf,
+    #[command(flatten)]
+    pub(crate) source: SourceArguments,
+    #[command(flatten)]
+    pub(crate) speech: SpeechArguments,
+}
+
+/// How the scene file is read.
+#[derive(Debug, Args)]
+pub(crate) struct SourceArguments {
+    /// Units of lights and emission [default: photometric, as in glTF; radiometric in files with LIGHTKILN_scene].
+    #[arg(long, value_enum, value_name = "UNITS")]
+    light_units: Option<LightUnitsChoice>,
+    /// Scene of the file, by name or number [default: the file's own choice].
+    #[arg(long = "scene", id = "scene-choice", value_name = "NAME|N")]
+    scene_choice: Option<String>,
+}
+
+/// What is shown.
+#[derive(Clone, Copy, Debug, Args)]
+pub(crate) struct SpeechArguments {
+    /// Print one JSON object per line on the standard output.
+    #[arg(long)]
+    pub(crate) json: bool,
+    /// Show errors only.
+    #[arg(short, long)]
+    pub(crate) quiet: bool,
+    /// Show what the stages do.
+    #[arg(short, long, conflicts_with = "quiet")]
+    pub(crate) verbose: bool,
+}
+
+#[derive(Clone, Copy, Debug, Default, ValueEnum)]
+enum UvChoice {
+    /// Unwrap and pack.
+    #[default]
+    Auto,
+    /// Use TEXCOORD_1 as it stands, on one page.
+    Keep,
+    /// Pack the islands of TEXCOORD_1 anew.
+    Pack,
+}
+
+#[derive(Clone, Copy, Debug, Default, ValueEnum)]
+enum UnwrapperChoice {
+    /// Few charts with little distortion.
+    #[default]
+    Xatlas,
+    /// Many times faster.
+    Fast,
+}
+
+#[derive(Clone, Copy, Debug, Default, ValueEnum)]
+enum QuantityChoice {
+    /// E, W/m²: three.js.
+    #[default]
+    Irradiance,
+    /// E/π, W/(m²·sr): Bevy.
+    Radiance,
+    /// Reflectance times E, W/m²: Babylon.js.
+    Radiosity,
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+enum LightUnitsChoice {
+    /// Candela, lux and nits.
+    Photometric,
+    /// Watts.
+    Radiometric,
+}
+
+impl Command {
+    /// What is shown.
+    pub(crate) fn speech(&self) -> SpeechArguments {
+        match self {
+            Command::Bake(bake) => bake.speech,
+            Command::Info(info) => info.speech,
+        }
+    }
+
+    /// Threads that were asked for.
+    pub(crate) fn threads(&self) -> Option<usize> {
+        match self {
+            Command::Bake(bake) => bake.threads.map(usize::from),
+            Command::Info(_) => None,
+        }
+    }
+}
+
+impl BakeArguments {
+    /// What the options mean.
+    pub(crate) fn settings(&self) -> Settings {
+        let defaults = Settings::default();
+        Settings {
+            import: self.source.settings(),
+            atlas: AtlasSettings {
+                uv: match self.uv {
+                    UvChoice::Auto => UvMode::Auto,
+                    UvChoice::Keep => UvMode::Keep,
+                    UvChoice::Pack => UvMode::Pack,
+                },
+                unwrapper: match self.unwrapper {
+                    UnwrapperChoice::Xatlas => Unwrapper::Xatlas,
+                    UnwrapperChoice::Fast => Unwrapper::Fast,
+                },
+                texels_per_metre: self.texels_per_metre,
+                resolution: self.resolution,
+                padding: self.padding.unwrap_or(defaults.atlas.padding),
+                ..defaults.atlas
+            },
+            output: OutputSettings {
+                folder: self.out.clone().unwrap_or_else(|| default_folder(&self.scene)),
+                force: self.force,
+                quantity: match self.quantity {
+                    QuantityChoice::Irradiance => Quantity::Irradiance,
+                    QuantityChoice::Radiance => Quantity::Radiance,
+                    QuantityChoice::Radiosity => Quantity::Radiosity,
+                },
+                precision: if self.float { Precision::Float } else { Precision::Half },
+            },
+            error: self.error,
+            ..defaults
+        }
+    }
+}
+
+impl SourceArguments {
+    /// What the options mean.
+    pub(crate) fn settings(&self) -> ImportSettings {
+        ImportSettings {
+            light_units: self.light_units.map(|units| match units {
+                LightUnitsChoice::Photometric => LightUnits::Photometric,
+                LightUnitsChoice::Radiometric => LightUnits::Radiometric,
+            }),
+            scene: self.scene_choice.clone(),
+        }
+    }
+}
+
+/// `lightmaps/<stem>` in the current folder.
+fn default_folder(scene: &Path) -> PathBuf {
+    Path::new("lightmaps").join(scene.file_stem().unwrap_or(scene.as_os_str()))
+}
+
+/// `2%` or `0.02`, within [`ERROR_RANGE`].
+fn parse_error(text: &str) -> Result<f32, String> {
+    let number = |t: &str| t.trim().parse::<f32>().map_err(|_| format!("`{text}` is neither like 2% nor like 0.02"));
+    let error = match text.trim().strip_suffix('%') {
+        Some(percent) => number(percent)? / 100.0,
+        None => number(text)?,
+    };
+    // Half a unit of the last digit of 0.1 % must not decide.
+    let tolerance = 1e-6;
+    if !(error >= ERROR_RANGE.start() - tolerance && error <= ERROR_RANGE.end() + tolerance) {
+        return Err(format!("must lie between {}% and {}%", ERROR_RANGE.start() * 100.0, ERROR_RANGE.end() * 100.0));
+    }
+    Ok(error.clamp(*ERROR_RANGE.start(), *ERROR_RANGE.end()))
+}
+
+fn parse_positive(text: &str) -> Result<f32, String> {
+    match text.parse::<f32>() {
+        Ok(x) if x > 0.0 && x.is_finite() => Ok(x),
+        _ => Err("must be a positive number".into()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::CommandFactory;
+
+    fn settings(options: &[&str]) -> Settings {
+        let typed = ["lightkiln", "bake", "rooms/hall.glb"].iter().chain(options);
+        match Arguments::try_parse_from(typed).expect("valid options").command {
+            Command::Bake(bake) => bake.settings(),
+            Command::Info(_) => panic!("bake was typed"),
+        }
+    }
+
+    #[test]
+    fn the_definition_is_consistent() {
+        Arguments::command().debug_assert();
+    }
+
+    #[test]
+    fn errors_are_percentages_or_fractions() {
+        assert_eq!(parse_error("2%"), Ok(0.02));
+        assert_eq!(parse_error("0.02"), Ok(0.02));
+        assert_eq!(parse_error("0.1 %"), Ok(0.001));
+        assert_eq!(parse_error("50%"), Ok(0.5));
+        for wrong in ["2", "0", "-1%", "51%", "0.05%", "NaN", "inf", "", "%", "two"] {
+            assert!(parse_error(wrong).is_err(), "{wrong}");
+        }
+    }
+
+    #[test]
+    fn the_folder_follows_the_scenes_name() {
+        assert_eq!(settings(&[]).output.folder, Path::new("lightmaps/hall"));
+        assert_eq!(settings(&["--out", "x"]).output.folder, Path::new("x"));
+    }
+
+    #[test]
+    fn options_reach_the_settings() {
+        let s = settings(&["--uv", "keep", "--resolution", "256", "--quantity", "radiance", "--float", "--scene", "2"]);
+        assert_eq!(s.atlas.uv, UvMode::Keep);
+        assert_eq!(s.atlas.resolution, Some(256));
+        assert_eq!(s.output.quantity, Quantity::Radiance);
+        assert_eq!(s.output.precision, Precision::Float);
+        assert_eq!(s.import.scene.as_deref(), Some("2"));
+    }
+}

@@ -1,0 +1,268 @@
+//! A set of result files that appears whole or not at all.
+//!
+//! Every file is written beside its final name under a temporary one. [`OutputSet::commit`] renames them once all are
+//! complete and on the disk. A set that is dropped before, and [`abandon`] when the process is told to stop, remove
+//! the temporary files and the folders that were made for them.
+
+use std::fs::{self, File};
+use std::io::{self, BufWriter, ErrorKind, Seek, Write};
+use std::path::{Path, PathBuf};
+use std::sync::{Mutex, MutexGuard, PoisonError};
+use thiserror::Error;
+
+/// Why results could not be written.
+#[derive(Debug, Error)]
+pub enum OutputError {
+    /// A result of an earlier bake is in the way.
+    #[error("`{}` already exists; pass --force to replace it, or choose another folder with --out", .0.display())]
+    Exists(PathBuf),
+    /// The name that the folder should have belongs to something else.
+    #[error("`{}` is not a folder; choose another one with --out", .0.display())]
+    NotAFolder(PathBuf),
+    /// The folder refuses new files.
+    #[error("cannot write to the folder `{}`; choose a writable one with --out", .folder.display())]
+    NotWritable {
+        /// Folder of the results.
+        folder: PathBuf,
+        /// What the system said.
+        source: io::Error,
+    },
+    /// The disk is full, or the user's share of it.
+    #[error("no space left for `{}`; free some or choose a folder on another disk with --out", .path.display())]
+    Full {
+        /// The file that did not fit.
+        path: PathBuf,
+        /// What the system said.
+        source: io::Error,
+    },
+    /// Anything else that went wrong with a file.
+    #[error("cannot write `{}`", .path.display())]
+    Write {
+        /// The file.
+        path: PathBuf,
+        /// What the system said.
+        source: io::Error,
+    },
+}
+
+impl OutputError {
+    /// The error that `source` means for `path`.
+    fn writing(path: &Path, source: io::Error) -> Self {
+        let path = path.to_path_buf();
+        match source.kind() {
+            ErrorKind::StorageFull | ErrorKind::QuotaExceeded => Self::Full { path, source },
+            _ => Self::Write { path, source },
+        }
+    }
+
+    /// Stable, machine-readable kind.
+    pub fn code(&self) -> &'static str {
+        match self {
+            Self::Exists(_) => "output_exists",
+            Self::NotAFolder(_) => "output_not_a_folder",
+            Self::NotWritable { .. } => "output_not_writable",
+            Self::Full { .. } => "disk_full",
+            Self::Write { .. } => "output_write",
+        }
+    }
+
+    /// True if the machine is at fault rather than the input or the command line.
+    pub fn is_environment(&self) -> bool {
+        !matches!(self, Self::Exists(_))
+    }
+}
+
+/// What a file's content is written to.
+pub trait Sink: Write + Seek {}
+impl<T: Write + Seek> Sink for T {}
+
+/// Files and folders on the disk that are not results yet, oldest first.
+///
+/// Process-wide, because a signal must be able to remove them while another thread is in the middle of a write.
+static UNFINISHED: Mutex<Vec<PathBuf>> = Mutex::new(Vec::new());
+
+fn unfinished() -> MutexGuard<'static, Vec<PathBuf>> {
+    // The list stays meaningful after a panic elsewhere: every push and removal is a single step.
+    UNFINISHED.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// Removes `path`, a file or an empty folder. A folder with something else in it stays.
+fn remove(path: &Path) {
+    // There is nobody to tell if this fails: the caller is already giving up for another reason.
+    let _ = fs::remove_file(path).or_else(|_| fs::remove_dir(path));
+}
+
+/// Removes everything unfinished and keeps every thread from writing more results. Only for a process that is about
+/// to exit.
+pub fn abandon() {
+    let mut list = unfinished();
+    for path in list.drain(..).rev() {
+        remove(&path);
+    }
+    // Whoever wants to create or rename a file from here on waits for the exit.
+    std::mem::forget(list);
+}
+
+/// A file of the set, complete but under its temporary name.
+#[derive(Debug)]
+struct Written {
+    target: PathBuf,
+    temporary: PathBuf,
+}
+
+/// The results of one bake on their way to the disk.
+#[derive(Debug)]
+pub struct OutputSet {
+    folder: PathBuf,
+    force: bool,
+    /// Folders that this set made, outermost first.
+    created: Vec<PathBuf>,
+    written: Vec<Written>,
+}
+
+impl OutputSet {
+    /// Prepares `folder` before the long computation: it exists afterwards, takes new files, and holds none of `names`
+    /// and no lightmap page. `force` permits both, and pages that the new bake lacks go away with the commit.
+    pub fn open(folder: &Path, names: &[&str], force: bool) -> Result<Self, OutputError> {
+        let mut set = Self { folder: folder.to_path_buf(), force, created: Vec::new(), written: Vec::new() };
+        set.create_folder()?;
+        for name in names {
+            set.check_free(&folder.join(name))?;
+        }
+        if !force && let Some(page) = set.pages_on_disk().into_iter().next() {
+            return Err(OutputError::Exists(page));
+        }
+        set.probe()?;
+        Ok(set)
+    }
+
+    /// Name of lightmap page `index`.
+    pub fn page_name(index: usize) -> String {
+        format!("lightmap_{index}.exr")
+    }
+
+    /// Folder of the results.
+    pub fn folder(&self) -> &Path {
+        &self.folder
+    }
+
+    /// Writes file `name` through `content` under a temporary name, and waits until it is on the disk.
+    pub fn write(
+        &mut self,
+        name: &str,
+        content: impl FnOnce(&mut dyn Sink) -> io::Result<()>,
+    ) -> Result<(), OutputError> {
+        let target = self.folder.join(name);
+        let temporary = self.folder.join(format!(".{name}.partial-{}", std::process::id()));
+        let file = create(&temporary).map_err(|e| OutputError::writing(&target, e))?;
+        self.written.push(Written { target: target.clone(), temporary });
+        let mut sink = BufWriter::with_capacity(1 << 18, file);
+        let result = content(&mut sink).and_then(|()| sink.flush()).and_then(|()| sink.get_ref().sync_all());
+        result.map_err(|e| OutputError::writing(&target, e))
+    }
+
+    /// Gives all files their names and returns their paths, in the order in which they were written. Pages of an
+    /// earlier bake that this one does not replace are removed: they would pass for its own.
+    pub fn commit(mut self) -> Result<Vec<PathBuf>, OutputError> {
+        // Held throughout, so that a signal finds either none or all of the results.
+        let mut list = unfinished();
+        for w in &self.written {
+            self.check_free(&w.target)?;
+        }
+        let written = std::mem::take(&mut self.written);
+        for (i, w) in written.iter().enumerate() {
+            if let Err(e) = fs::rename(&w.temporary, &w.target) {
+                written[..i].iter().for_each(|w| remove(&w.target));
+                let error = OutputError::writing(&w.target, e);
+                self.written = written;
+                return Err(error);
+            }
+        }
+        list.retain(|p| !self.created.contains(p) && !written.iter().any(|w| w.temporary == *p));
+        self.created.clear();
+        let outputs: Vec<PathBuf> = written.into_iter().map(|w| w.target).collect();
+        self.pages_on_disk().iter().filter(|p| !outputs.contains(p)).for_each(|p| remove(p));
+        Ok(outputs)
+    }
+
+    fn check_free(&self, path: &Path) -> Result<(), OutputError> {
+        match fs::symlink_metadata(path) {
+            Ok(m) if !self.force || m.is_dir() => Err(OutputError::Exists(path.to_path_buf())),
+            _ => Ok(()),
+        }
+    }
+
+    /// Lightmap pages in the folder, by name.
+    fn pages_on_disk(&self) -> Vec<PathBuf> {
+        let is_page = |name: &str| {
+            let number = name.strip_prefix("lightmap_").and_then(|n| n.strip_suffix(".exr"));
+            number.is_some_and(|n| !n.is_empty() && n.bytes().all(|b| b.is_ascii_digit()))
+        };
+        let entries = fs::read_dir(&self.folder).into_iter().flatten().flatten();
+        let mut pages: Vec<PathBuf> =
+            entries.filter(|e| e.file_name().to_str().is_some_and(is_page)).map(|e| e.path()).collect();
+        pages.sort();
+        pages
+    }
+
+    /// Makes the folder and those above it that are missing.
+    fn create_folder(&mut self) -> Result<(), OutputError> {
+        let missing: Vec<PathBuf> = self
+            .folder
+            .ancestors()
+            .take_while(|p| !p.as_os_str().is_empty() && !p.exists())
+            .map(Path::to_path_buf)
+            .collect();
+        for path in missing.into_iter().rev() {
+            let mut list = unfinished();
+            match fs::create_dir(&path) {
+                Ok(()) => {
+                    list.push(path.clone());
+                    self.created.push(path);
+                }
+                Err(e) if e.kind() == ErrorKind::AlreadyExists => {}
+                Err(e) if e.kind() == ErrorKind::NotADirectory => {
+                    return Err(OutputError::NotAFolder(self.folder.clone()));
+                }
+                Err(e) if e.kind() == ErrorKind::StorageFull => return Err(OutputError::writing(&path, e)),
+                Err(source) => return Err(OutputError::NotWritable { folder: self.folder.clone(), source }),
+            }
+        }
+        if self.folder.is_dir() { Ok(()) } else { Err(OutputError::NotAFolder(self.folder.clone())) }
+    }
+
+    /// Fails if the folder takes no new file.
+    fn probe(&self) -> Result<(), OutputError> {
+        let path = self.folder.join(format!(".lightkiln.partial-{}", std::process::id()));
+        let created = create(&path).map_err(|e| match e.kind() {
+            ErrorKind::StorageFull | ErrorKind::QuotaExceeded => OutputError::writing(&path, e),
+            _ => OutputError::NotWritable { folder: self.folder.clone(), source: e },
+        });
+        discard(&path);
+        created.map(|_| ())
+    }
+}
+
+impl Drop for OutputSet {
+    fn drop(&mut self) {
+        self.written.iter().for_each(|w| discard(&w.temporary));
+        self.created.iter().rev().for_each(|folder| discard(folder));
+    }
+}
+
+/// Creates a file that is not a result yet.
+fn create(path: &Path) -> io::Result<File> {
+    let mut list = unfinished();
+    let file = File::create(path)?;
+    list.push(path.to_path_buf());
+    Ok(file)
+}
+
+/// Removes a file or folder that will not become a result.
+fn discard(path: &Path) {
+    let mut list = unfinished();
+    if let Some(i) = list.iter().position(|p| p == path) {
+        list.swap_remove(i);
+        remove(path);
+    }
+}
