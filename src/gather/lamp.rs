@@ -8,6 +8,8 @@ use std::f32::consts::PI;
 
 /// Corners of the polygon that stands for a disk.
 const DISK_CORNERS: usize = 32;
+/// Sine of the angle to a source's plane below which it is seen edge-on, that is, not at all.
+const COPLANAR: f32 = 1e-5;
 
 /// A direction to test, and what arrives from there if nothing blocks it.
 #[derive(Clone, Copy, Debug)]
@@ -247,10 +249,11 @@ impl EmitterTriangle {
         let corners = self.corners.map(|c| c - p);
         let v = (corners[0] + corners[1] + corners[2]) / 3.0;
         let facing = -self.normal.dot(v);
-        if !self.two_sided && facing <= 0.0 {
+        let d2 = v.length_squared();
+        // In the triangle's own plane rounding would decide whether it fills the horizon or nothing.
+        if facing * facing <= COPLANAR * COPLANAR * d2 || (!self.two_sided && facing <= 0.0) {
             return Rgb::ZERO;
         }
-        let d2 = v.length_squared();
         // Far tier: within 0.1 % of the polygon once the triangle is small against its distance.
         if d2 > 150.0 * self.area && d2 > 0.0 {
             let cosine = n.dot(v).max(0.0);

@@ -4,7 +4,7 @@ mod survey;
 mod transfer;
 
 pub use survey::{Survey, hidden_backs, survey};
-pub use transfer::{closure, pull, transfer};
+pub use transfer::{Closure, closure, pull, transfer};
 
 use crate::hierarchy::Hierarchy;
 use crate::progress::{Cancelled, Progress, Stage};
@@ -46,8 +46,8 @@ pub struct Elements {
 pub struct Solution {
     /// Links between nodes.
     pub links: Links,
-    /// Factor per element that makes its links account for all that it sees.
-    pub closure: Vec<f32>,
+    /// Factors that make the links of every element account for all that it sees.
+    pub closure: Closure,
     /// Irradiance per element from everything but lamps: sky and other elements, W/m².
     pub irradiance: Vec<Rgb>,
     /// Iterations until convergence.
@@ -116,7 +116,7 @@ fn variation(tree: &Hierarchy, elements: &[Rgb], mean: &[Rgb]) -> Vec<f32> {
 fn iterate(
     tree: &Hierarchy,
     links: &Links,
-    closure: &[f32],
+    closure: &Closure,
     elements: &Elements,
     first: &[Rgb],
     settings: &SolveSettings,
@@ -127,10 +127,10 @@ fn iterate(
     for iteration in 1..=settings.iterations {
         let sent: Vec<Rgb> = (0..first.len())
             .into_par_iter()
-            .map(|i| (first[i] + elements.reflectance[i] * irradiance[i]) * closure[i])
+            .map(|i| (first[i] + elements.reflectance[i] * irradiance[i]) * closure.sending[i])
             .collect();
         irradiance = transfer(tree, links, &sent);
-        irradiance.par_iter_mut().zip(closure).for_each(|(e, &s)| *e *= s);
+        irradiance.par_iter_mut().zip(&closure.receiving).for_each(|(e, &s)| *e *= s);
         let area = |i: usize| tree.nodes[tree.elements[i].node as usize].area as f64;
         let now: f64 = irradiance.iter().enumerate().map(|(i, e)| e.element_sum() as f64 * area(i)).sum();
         if progress.is_cancelled() {

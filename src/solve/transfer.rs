@@ -51,16 +51,25 @@ pub fn transfer(tree: &Hierarchy, links: &Links, radiosity: &[Rgb]) -> Vec<Rgb> 
     tree.elements.iter().map(|e| nodes[e.node as usize]).collect()
 }
 
-/// Factors s per element such that s·T(s) equals `seen`, the share of its view that is filled by surfaces, as counted
-/// by rays. Scaling both ends of every link keeps reciprocity and makes energy balance exactly.
-pub fn closure(tree: &Hierarchy, links: &Links, seen: &[f32]) -> Vec<f32> {
-    let mut factors = vec![1f32; seen.len()];
+/// How much each element counts at the two ends of its links.
+#[derive(Clone, Debug, Default)]
+pub struct Closure {
+    /// Factor on what an element sends.
+    pub sending: Vec<f32>,
+    /// Factor on what it receives.
+    pub receiving: Vec<f32>,
+}
+
+/// Factors that make the links of every element account for `seen`, the share of its view that is filled by surfaces
+/// as counted by rays. Where the balance is reached both factors are the same, so that reciprocity is kept and energy
+/// balances exactly; elsewhere reception is cut, so that nothing ever receives more than it can see.
+pub fn closure(tree: &Hierarchy, links: &Links, seen: &[f32]) -> Closure {
+    let mut sending = vec![1f32; seen.len()];
     for _ in 0..CLOSURE_STEPS {
-        let sent: Vec<Rgb> = factors.iter().map(|&s| Rgb::splat(s)).collect();
-        let received = transfer(tree, links, &sent);
+        let received = received(tree, links, &sending);
         let mut worst = 0f32;
-        for ((s, e), &seen) in factors.iter_mut().zip(&received).zip(seen) {
-            let linked = *s * e.x;
+        for ((s, e), &seen) in sending.iter_mut().zip(&received).zip(seen) {
+            let linked = *s * e;
             if linked > 0.0 {
                 let next = (*s * (seen / linked).sqrt()).clamp(1.0 / CLOSURE_LIMIT, CLOSURE_LIMIT);
                 worst = worst.max((next - *s).abs());
@@ -71,5 +80,18 @@ pub fn closure(tree: &Hierarchy, links: &Links, seen: &[f32]) -> Vec<f32> {
             break;
         }
     }
-    factors
+    let received = received(tree, links, &sending);
+    let receiving = sending
+        .iter()
+        .zip(&received)
+        .zip(seen)
+        .map(|((&s, &e), &seen)| if s * e > seen { seen / e } else { s })
+        .collect();
+    Closure { sending, receiving }
+}
+
+/// Irradiance per element when every element sends its factor.
+fn received(tree: &Hierarchy, links: &Links, sending: &[f32]) -> Vec<f32> {
+    let sent: Vec<Rgb> = sending.iter().map(|&s| Rgb::splat(s)).collect();
+    transfer(tree, links, &sent).into_iter().map(|e| e.x).collect()
 }
