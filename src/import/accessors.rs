@@ -3,7 +3,7 @@
 //! Every accessor has passed [`super::core`], so the reads here stay within their buffers.
 
 use super::ImportError;
-use glam::{Vec2, Vec3, Vec4};
+use glam::{DAffine3, DMat4, Vec2, Vec3, Vec4};
 use gltf::Accessor;
 use gltf::accessor::{DataType, Dimensions, Item, Iter};
 
@@ -90,6 +90,17 @@ pub(super) fn colors(accessor: &Accessor, buffers: &[Vec<u8>]) -> Result<Vec<Vec
         return Ok(read3(accessor, buffers).into_iter().map(|c| c.extend(1.0)).collect());
     }
     vec4(accessor, buffers)
+}
+
+/// Elements of a MAT4 accessor of floats, as affine transforms.
+pub(super) fn affine(accessor: &Accessor, buffers: &[Vec<u8>]) -> Result<Vec<DAffine3>, ImportError> {
+    expect_type(accessor, Dimensions::Mat4)?;
+    if accessor.data_type() != DataType::F32 {
+        let place = format!("accessors[{}].componentType", accessor.index());
+        return Err(ImportError::invalid(place, "matrices are floats"));
+    }
+    let matrix = |m: [[f32; 4]; 4]| DAffine3::from_mat4(DMat4::from_cols_array_2d(&m.map(|c| c.map(f64::from))));
+    Ok(items(accessor, buffers).into_iter().map(matrix).collect())
 }
 
 /// Elements of a SCALAR accessor of unsigned integers.

@@ -1,6 +1,6 @@
 //! Checks of the whole scene: does anything give light, and do sizes make sense together?
 
-use crate::scene::Scene;
+use crate::scene::{Instance, Mesh, Scene};
 use crate::warning::Warning;
 use glam::Vec3;
 
@@ -25,21 +25,11 @@ fn check_light(scene: &Scene, warnings: &mut Vec<Warning>) {
 }
 
 fn check_sizes(scene: &Scene, warnings: &mut Vec<Warning>) {
-    let bounds: Vec<(Vec3, Vec3)> = scene
-        .meshes
-        .iter()
-        .map(|mesh| mesh.positions.iter().fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(l, h), &p| (l.min(p), h.max(p))))
-        .collect();
-    let size = |instance: &crate::scene::Instance| {
-        let (low, high) = bounds[instance.mesh];
-        let extent = (high - low) * 0.5;
+    let extents: Vec<Vec3> = scene.meshes.iter().map(extent).collect();
+    let size = |instance: &Instance| {
         let m = instance.transform.matrix3;
-        (Vec3::from(m.x_axis) * extent.x)
-            .abs()
-            .max((Vec3::from(m.y_axis) * extent.y).abs())
-            .max(Vec3::from(m.z_axis).abs() * extent.z)
-            .max_element()
-            * 2.0
+        let extent = extents[instance.mesh];
+        (m.x_axis.abs() * extent.x + m.y_axis.abs() * extent.y + m.z_axis.abs() * extent.z).max_element()
     };
     let sizes: Vec<f32> = scene.instances.iter().map(size).collect();
     let by_size = |a: &usize, b: &usize| sizes[*a].total_cmp(&sizes[*b]);
@@ -60,4 +50,11 @@ fn check_sizes(scene: &Scene, warnings: &mut Vec<Warning>) {
         );
         warnings.push(Warning::new("scale_mismatch", path(smallest), message));
     }
+}
+
+/// Size of a mesh's bounding box.
+fn extent(mesh: &Mesh) -> Vec3 {
+    let empty = (Vec3::INFINITY, Vec3::NEG_INFINITY);
+    let (low, high) = mesh.positions.iter().fold(empty, |(low, high), &p| (low.min(p), high.max(p)));
+    high - low
 }

@@ -1,7 +1,8 @@
 //! Why a file cannot be imported at all. Every message names the place and the remedy.
 
 use crate::progress::Cancelled;
-use std::path::PathBuf;
+use crate::warning::Warning;
+use std::path::{Path, PathBuf};
 use thiserror::Error;
 
 /// The file is not a scene that can be baked.
@@ -93,8 +94,15 @@ pub enum ImportError {
         available: String,
     },
     /// Nothing to bake.
-    #[error("`{0}` has no triangle to bake: check that the export includes meshes and not only a selection")]
-    NoMeshes(PathBuf),
+    #[error(
+        "`{path}` has no triangle to bake: check that the export includes meshes and not only a selection{skipped}"
+    )]
+    NoMeshes {
+        /// File.
+        path: PathBuf,
+        /// What was left out and why; empty if the file has no mesh to begin with.
+        skipped: String,
+    },
     /// The user stopped the import.
     #[error(transparent)]
     Cancelled(#[from] Cancelled),
@@ -104,5 +112,11 @@ impl ImportError {
     /// A damaged file, see [`ImportError::Invalid`].
     pub(super) fn invalid(place: impl Into<String>, fault: impl Into<String>) -> Self {
         ImportError::Invalid { place: place.into(), fault: fault.into() }
+    }
+
+    /// Nothing to bake, with the first reasons for which meshes were skipped.
+    pub(super) fn no_meshes(path: &Path, warnings: &[Warning]) -> Self {
+        let reasons = warnings.iter().take(3).map(|warning| format!("; {warning}")).collect();
+        ImportError::NoMeshes { path: path.into(), skipped: reasons }
     }
 }

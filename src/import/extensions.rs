@@ -4,7 +4,7 @@ use super::ImportError;
 use serde_json::Value;
 
 /// Required extensions that are read, or that change nothing that a lightmap depends on.
-const UNDERSTOOD: [&str; 22] = [
+const UNDERSTOOD: [&str; 23] = [
     super::EXTENSION,
     "EXT_lights_area",
     "EXT_mesh_gpu_instancing",
@@ -17,6 +17,7 @@ const UNDERSTOOD: [&str; 22] = [
     "KHR_materials_emissive_strength",
     "KHR_materials_ior",
     "KHR_materials_iridescence",
+    "KHR_materials_pbrSpecularGlossiness",
     "KHR_materials_sheen",
     "KHR_materials_specular",
     "KHR_materials_transmission",

@@ -1,8 +1,9 @@
 //! glTF meshes → triangle meshes: topologies, missing and broken attributes, morph targets at rest.
 
 use super::accessors;
+use super::skins::PosedSkin;
 use super::triangles::{Faults, corners, keep_sound};
-use super::{ImportError, topology};
+use super::{ImportError, deform, topology};
 use crate::scene::{Mesh, Primitive};
 use crate::warning::Warning;
 use glam::{Vec2, Vec3, Vec4};
@@ -18,6 +19,8 @@ pub(super) struct MeshRequest<'a> {
     pub(super) mesh: gltf::Mesh<'a>,
     /// Morph target weights.
     pub(super) weights: &'a [f32],
+    /// Joints that move it to world space.
+    pub(super) skin: Option<PosedSkin>,
     /// Path of the first node that shows it, for messages.
     pub(super) path: &'a str,
 }
@@ -32,7 +35,7 @@ pub(super) fn load(
     let mut mesh = Mesh { name, source: request.mesh.index(), ..Mesh::default() };
     let mut faults = Faults::default();
     for primitive in request.mesh.primitives() {
-        if let Some(part) = load_primitive(&primitive, request.weights, buffers, &mut faults)? {
+        if let Some(part) = load_primitive(&primitive, request, buffers, &mut faults)? {
             append(&mut mesh, part, primitive.index(), material_of(primitive.material().index()));
         }
     }
@@ -53,7 +56,7 @@ struct Part {
 
 fn load_primitive(
     primitive: &gltf::Primitive,
-    weights: &[f32],
+    request: &MeshRequest,
     buffers: &[Vec<u8>],
     faults: &mut Faults,
 ) -> Result<Option<Part>, ImportError> {
@@ -71,7 +74,10 @@ fn load_primitive(
         None => Vec::new(),
     };
     faults.check_length(&mut normals, positions.len());
-    apply_morphs(primitive, weights, buffers, &mut positions, &mut normals)?;
+    deform::apply_morphs(primitive, request.weights, buffers, &mut positions, &mut normals)?;
+    if let Some(skin) = &request.skin {
+        deform::apply_skin(primitive, skin, buffers, &mut positions, &mut normals)?;
+    }
 
     let indices = match primitive.indices() {
         Some(accessor) => accessors::indices(&accessor, buffers)?,
@@ -128,39 +134,6 @@ fn vertex_attributes(
         *color = if color.is_finite() { color.max(Vec4::ZERO) } else { Vec4::ONE };
     }
     Ok((texcoords, colors))
-}
-
-/// Adds the weighted displacements of the morph targets.
-fn apply_morphs(
-    primitive: &gltf::Primitive,
-    weights: &[f32],
-    buffers: &[Vec<u8>],
-    positions: &mut [Vec3],
-    normals: &mut [Vec3],
-) -> Result<(), ImportError> {
-    for (target, &weight) in primitive.morph_targets().zip(weights) {
-        if weight == 0.0 {
-            continue;
-        }
-        displace(positions, target.positions(), weight, buffers)?;
-        displace(normals, target.normals(), weight, buffers)?;
-    }
-    Ok(())
-}
-
-/// Adds `weight` times the displacements, if there are any.
-fn displace(
-    values: &mut [Vec3],
-    displacements: Option<gltf::Accessor>,
-    weight: f32,
-    buffers: &[Vec<u8>],
-) -> Result<(), ImportError> {
-    if let Some(accessor) = displacements {
-        for (value, delta) in values.iter_mut().zip(accessors::vec3(&accessor, buffers)?) {
-            *value += delta * weight;
-        }
-    }
-    Ok(())
 }
 
 /// `values` at `indices`; empty if there are no values.

@@ -1,29 +1,29 @@
 //! Placed nodes with meshes → instances, EXT_mesh_gpu_instancing expanded.
 
 use super::nodes::PlacedNode;
+use super::source::Source;
 use super::{ImportError, accessors, json};
-use crate::document::Document;
 use crate::scene::Instance;
 use crate::warning::Warning;
 use glam::{DAffine3, DQuat, DVec3};
 use serde_json::Value;
 
-/// Instances of `node`, which shows scene mesh `mesh`. Places that cannot be inverted are skipped with a warning.
+/// Instances of scene mesh `mesh` at `node`, whose mesh space is `world`. Places that cannot be inverted are skipped with a warning.
 pub(super) fn place(
-    gltf: &gltf::Document,
-    document: &Document,
+    source: &Source,
     node: &PlacedNode,
+    world: DAffine3,
     mesh: usize,
     warnings: &mut Vec<Warning>,
 ) -> Result<Vec<Instance>, ImportError> {
-    let copies = match document.extension("nodes", node.node, "EXT_mesh_gpu_instancing") {
-        Some(extension) => gpu_transforms(gltf, document, node, extension)?,
+    let copies = match source.document.extension("nodes", node.node, "EXT_mesh_gpu_instancing") {
+        Some(extension) => gpu_transforms(source, node, extension)?,
         None => vec![(None, DAffine3::IDENTITY)],
     };
     let (mut flat, mut not_finite) = (0, 0);
     let mut instances = Vec::with_capacity(copies.len());
     for (number, local) in copies {
-        let transform = (node.world * local).as_affine3a();
+        let transform = (world * local).as_affine3a();
         if !transform.is_finite() {
             not_finite += 1;
             continue;
@@ -62,8 +62,7 @@ fn counted(message: &str, count: usize) -> String {
 
 /// Transforms of EXT_mesh_gpu_instancing, below the node's own. Attributes that are absent have their neutral value.
 fn gpu_transforms(
-    gltf: &gltf::Document,
-    document: &Document,
+    source: &Source,
     node: &PlacedNode,
     extension: &Value,
 ) -> Result<Vec<(Option<u32>, DAffine3)>, ImportError> {
@@ -73,10 +72,10 @@ fn gpu_transforms(
         if attributes.get(name).is_none() {
             return Ok(None);
         }
-        let accessor = json::index(attributes, name).and_then(|i| gltf.accessors().nth(i));
+        let accessor = json::index(attributes, name).and_then(|i| source.gltf.accessors().nth(i));
         accessor.map(Some).ok_or_else(|| ImportError::invalid(place(), format!("{name} is no accessor of the file")))
     };
-    let buffers = &document.buffers;
+    let buffers = &source.document.buffers;
     let vectors = |name| accessor(name)?.map(|a| accessors::vec3(&a, buffers)).transpose();
     let translations = vectors("TRANSLATION")?;
     let scales = vectors("SCALE")?;

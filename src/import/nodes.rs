@@ -1,6 +1,7 @@
 //! The node graph: the nodes of one glTF scene → a flat list with world transforms, unique paths and inherited
 //! LIGHTKILN_scene settings, parents before children.
 
+use super::source::Source;
 use super::{EXTENSION, ImportError, json};
 use crate::document::Document;
 use crate::scene::LightmapRequest;
@@ -32,12 +33,11 @@ pub(super) struct NodeSettings {
 
 /// Nodes under `roots`. Nodes with non-finite transforms are left out with all below them, with a warning.
 pub(super) fn walk(
-    gltf: &gltf::Document,
-    document: &Document,
+    source: &Source,
     roots: &[usize],
     warnings: &mut Vec<Warning>,
 ) -> Result<Vec<PlacedNode>, ImportError> {
-    let nodes: Vec<_> = gltf.nodes().collect();
+    let nodes: Vec<_> = source.gltf.nodes().collect();
     let mut paths = UniquePaths::default();
     let mut visit = vec![Visit::Unseen; nodes.len()];
     let mut placed: Vec<PlacedNode> = Vec::new();
@@ -66,6 +66,12 @@ pub(super) fn walk(
                 continue;
             }
         }
+        if is_hidden(&source.document, node) {
+            let message = "it is invisible (KHR_node_visibility) and skipped with its children: show it to bake it";
+            warnings.push(Warning::new("invisible", name, message));
+            visit[node] = Visit::Done;
+            continue;
+        }
         let path = paths.claim(parent.map(|p| p.path.as_str()), &name);
         let world = parent.map_or(DAffine3::IDENTITY, |p| p.world) * local_transform(&nodes[node]);
         if !(world.is_finite() && world.as_affine3a().is_finite()) {
@@ -75,7 +81,7 @@ pub(super) fn walk(
             continue;
         }
         let inherited = parent.map(|p| p.settings.clone()).unwrap_or_default();
-        let settings = read_settings(document, node, &path, inherited, warnings);
+        let settings = read_settings(&source.document, node, &path, inherited, warnings);
 
         visit[node] = Visit::Open;
         placed.push(PlacedNode { node, path, world, settings });
@@ -85,6 +91,11 @@ pub(super) fn walk(
         stack.extend(children.into_iter().rev().map(|node| Step::Enter { node, parent }));
     }
     Ok(placed)
+}
+
+fn is_hidden(document: &Document, node: usize) -> bool {
+    let visibility = document.extension("nodes", node, "KHR_node_visibility");
+    visibility.and_then(|v| json::boolean(v, "visible")) == Some(false)
 }
 
 /// Where the walk stands with a node.

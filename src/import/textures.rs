@@ -1,5 +1,6 @@
 //! Textures that materials use: sampler and transform per use, and each image decoded once.
 
+use super::source::Source;
 use super::uri::{Resource, resolve};
 use super::{ImportError, json};
 use crate::document::Document;
@@ -30,23 +31,24 @@ impl TextureSlots {
     /// [`TextureSlots::decode`].
     pub(super) fn slot(
         &mut self,
-        document: &Document,
-        gltf: &gltf::Document,
+        source: &Source,
         info: Option<&Value>,
         material: &str,
         warnings: &mut Vec<Warning>,
     ) -> Option<TextureSlot> {
         let info = info?;
+        let document = &source.document;
         let mut missing = |fault: String| {
             let message = format!("material: {fault}; the factor is used alone, export the texture as PNG or JPEG");
             warnings.push(Warning::new("missing_texture", material, message));
         };
         let index = json::index(info, "index").unwrap_or(usize::MAX);
-        let (Some(raw), Some(texture)) = (document.array("textures").get(index), gltf.textures().nth(index)) else {
+        let (Some(raw), Some(texture)) = (document.array("textures").get(index), source.gltf.textures().nth(index))
+        else {
             missing("it refers to a texture that does not exist".into());
             return None;
         };
-        let Some(image) = source(raw) else {
+        let Some(image) = image_of(raw) else {
             missing(format!("texture {index} has no image in a format that is read"));
             return None;
         };
@@ -128,7 +130,7 @@ impl TextureSlots {
 }
 
 /// The image of a texture: WebP where it is offered, since that replaces the fallback.
-fn source(texture: &Value) -> Option<usize> {
+fn image_of(texture: &Value) -> Option<usize> {
     let webp = texture.get("extensions").and_then(|e| e.get("EXT_texture_webp")).and_then(|e| json::index(e, "source"));
     webp.or_else(|| json::index(texture, "source"))
 }

@@ -1,0 +1,9 @@
+//! Import of glTF: what real files may contain arrives in the scene, and what is wrong with them is said.
+
+mod bad_input;
+mod containers;
+mod fixture;
+mod geometry;
+mod lights;
+mod materials;
+mod structure;
