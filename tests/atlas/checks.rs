@@ -6,19 +6,19 @@ use lightkiln::progress::Silent;
 use lightkiln::scene::{LightmapRequest, Scene};
 use lightkiln::warning::Warning;
 
-pub fn keep(resolution: u32) -> AtlasSettings {
+pub(crate) fn keep(resolution: u32) -> AtlasSettings {
     AtlasSettings { uv: UvMode::Keep, resolution: Some(resolution), ..AtlasSettings::default() }
 }
 
 /// Atlas, warnings and texels; what holds for every scene is checked on the way.
-pub fn bake(scene: &Scene, settings: &AtlasSettings) -> (Atlas, Vec<Warning>, Texels) {
+pub(crate) fn bake(scene: &Scene, settings: &AtlasSettings) -> (Atlas, Vec<Warning>, Texels) {
     let (atlas, warnings) = build(scene, settings, &Silent).expect("the scene can be laid out");
     let texels = rasterise(scene, &atlas, &Silent).expect("nobody cancels");
     check_invariants(scene, &atlas, &texels);
     (atlas, warnings, texels)
 }
 
-pub fn check_invariants(scene: &Scene, atlas: &Atlas, texels: &Texels) {
+fn check_invariants(scene: &Scene, atlas: &Atlas, texels: &Texels) {
     let n = texels.len();
     assert_eq!(texels.first_triangle.len(), n + 1);
     assert_eq!(texels.charts.len(), atlas.charts.len());
@@ -55,12 +55,12 @@ pub fn check_invariants(scene: &Scene, atlas: &Atlas, texels: &Texels) {
     assert_eq!(claimed, n);
 }
 
-pub fn morton([x, y]: [u16; 2]) -> u64 {
+fn morton([x, y]: [u16; 2]) -> u64 {
     (0..16).map(|b| (u64::from(x >> b & 1) << (2 * b)) | (u64::from(y >> b & 1) << (2 * b + 1))).sum()
 }
 
 /// Distance of a point from a triangle, by descent over its barycentrics' clamped projection and its three sides.
-pub fn distance(p: Vec3, [a, b, c]: [Vec3; 3]) -> f32 {
+pub(crate) fn distance(p: Vec3, [a, b, c]: [Vec3; 3]) -> f32 {
     let (u, v) = (b - a, c - a);
     let n = u.cross(v);
     let w = p - a;
@@ -76,7 +76,7 @@ pub fn distance(p: Vec3, [a, b, c]: [Vec3; 3]) -> f32 {
 }
 
 /// World area of the triangles that have a lightmap.
-pub fn world_area(scene: &Scene) -> f64 {
+pub(crate) fn world_area(scene: &Scene) -> f64 {
     let area = |i: usize| {
         (0..scene.meshes[scene.instances[i].mesh].triangles.len())
             .map(|t| {
@@ -88,24 +88,24 @@ pub fn world_area(scene: &Scene) -> f64 {
     (0..scene.instances.len()).filter(|&i| scene.instances[i].lightmap != LightmapRequest::None).map(area).sum()
 }
 
-pub fn total_area(texels: &Texels) -> f64 {
+pub(crate) fn total_area(texels: &Texels) -> f64 {
     texels.area.iter().map(|&a| f64::from(a)).sum()
 }
 
-pub fn close(a: f64, b: f64, relative: f64) {
+pub(crate) fn close(a: f64, b: f64, relative: f64) {
     assert!((a - b).abs() <= relative * b.abs(), "{a} is not {b}");
 }
 
-pub fn codes(warnings: &[Warning]) -> Vec<&'static str> {
+pub(crate) fn codes(warnings: &[Warning]) -> Vec<&'static str> {
     warnings.iter().map(|w| w.code).collect()
 }
 
-pub fn auto(unwrapper: Unwrapper) -> AtlasSettings {
+pub(crate) fn auto(unwrapper: Unwrapper) -> AtlasSettings {
     AtlasSettings { unwrapper, ..AtlasSettings::default() }
 }
 
 /// Fails if charts lie upon each other or themselves, or are nearer than the padding.
-pub fn check_apart(atlas: &Atlas, texels: &Texels) {
+pub(crate) fn check_apart(atlas: &Atlas, texels: &Texels) {
     let reach = atlas.padding as i64;
     for t in 0..texels.len() {
         let chart = texels.chart[t];

@@ -6,7 +6,7 @@ use lightkiln::scene::{
 };
 
 /// A mesh of one material with flat normals; every triangle has vertices of its own.
-pub fn mesh(triangles: &[[Vec3; 3]], uv: impl Fn(usize, usize) -> Vec2) -> Mesh {
+pub(crate) fn mesh(triangles: &[[Vec3; 3]], uv: impl Fn(usize, usize) -> Vec2) -> Mesh {
     let mut mesh = Mesh { name: "mesh".into(), texcoords: vec![Vec::new(), Vec::new()], ..Mesh::default() };
     for (t, corners) in triangles.iter().enumerate() {
         let n = (corners[1] - corners[0]).cross(corners[2] - corners[0]).normalize();
@@ -24,7 +24,7 @@ pub fn mesh(triangles: &[[Vec3; 3]], uv: impl Fn(usize, usize) -> Vec2) -> Mesh 
 }
 
 /// A 1 × 1 m quad in XY facing +Z whose TEXCOORD_1 spans `low` to `high`, v down.
-pub fn quad(low: Vec2, high: Vec2) -> Mesh {
+pub(crate) fn quad(low: Vec2, high: Vec2) -> Mesh {
     let corner = [Vec3::ZERO, Vec3::X, Vec3::new(1.0, 1.0, 0.0), Vec3::Y];
     let index = [[0, 1, 2], [0, 2, 3]];
     mesh(&index.map(|t| t.map(|i| corner[i])), |t, k| {
@@ -34,7 +34,7 @@ pub fn quad(low: Vec2, high: Vec2) -> Mesh {
 }
 
 /// A scene of meshes, each placed by the transforms that come with it.
-pub fn scene(placed: Vec<(Mesh, Vec<Affine3A>)>) -> Scene {
+pub(crate) fn scene(placed: Vec<(Mesh, Vec<Affine3A>)>) -> Scene {
     let mut scene = Scene { materials: vec![Material::default()], ..Scene::default() };
     for (mesh, transforms) in placed {
         for transform in transforms {
@@ -55,7 +55,7 @@ pub fn scene(placed: Vec<(Mesh, Vec<Affine3A>)>) -> Scene {
 }
 
 /// A unit cube around the origin with one square of TEXCOORD_1 for all six sides.
-pub fn cube() -> Mesh {
+pub(crate) fn cube() -> Mesh {
     let sides = [Vec3::X, -Vec3::X, Vec3::Y, -Vec3::Y, Vec3::Z, -Vec3::Z];
     let mut triangles = Vec::new();
     for n in sides {
@@ -70,7 +70,7 @@ pub fn cube() -> Mesh {
 }
 
 /// A unit sphere of `2 n²` quads, halved; its poles are degenerate triangles, as exporters leave them.
-pub fn sphere(n: usize) -> Mesh {
+pub(crate) fn sphere(n: usize) -> Mesh {
     let at = |i: usize, j: usize| {
         let (a, b) = (i as f32 / n as f32 * std::f32::consts::PI, j as f32 / n as f32 * std::f32::consts::PI);
         Vec3::new(a.sin() * b.cos(), a.cos(), -a.sin() * b.sin())
@@ -88,7 +88,7 @@ pub fn sphere(n: usize) -> Mesh {
 }
 
 /// Cubes, a sphere, single triangles of all sizes and a quad, some stretched, mirrored, turned or large.
-pub fn zoo() -> Scene {
+pub(crate) fn zoo() -> Scene {
     let turned = Affine3A::from_rotation_y(0.3);
     let triangle =
         |size: f32| mesh(&[[Vec3::ZERO, Vec3::X * size, Vec3::Y * size]], |_, k| [Vec2::ZERO, Vec2::X, Vec2::Y][k]);
@@ -104,13 +104,13 @@ pub fn zoo() -> Scene {
 }
 
 /// A chessboard of `n` × `n` white and black texels.
-pub fn chessboard(n: u32) -> Texture {
+pub(crate) fn chessboard(n: u32) -> Texture {
     let texels = (0..n * n).map(|i| if (i % n + i / n).is_multiple_of(2) { [255; 4] } else { [0, 0, 0, 0] }).collect();
     Texture { name: "chessboard".into(), width: n, height: n, texels }
 }
 
 /// A quad on 4 × 4 lightmap texels under a texture of `n` × `n`.
-pub fn textured(n: u32) -> Scene {
+pub(crate) fn textured(n: u32) -> Scene {
     let mut quad = quad(Vec2::ZERO, Vec2::ONE);
     quad.texcoords[0] = quad.texcoords[1].clone();
     let mut s = scene(vec![(quad, vec![Affine3A::IDENTITY])]);
