@@ -4,11 +4,20 @@ use crate::scene::Mesh;
 use glam::{Vec2, Vec3};
 use std::collections::HashMap;
 
-/// Island of every triangle, numbered from 0 by first triangle, and how many there are.
+/// The islands of a mesh.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) struct Islands {
+    /// Island of every triangle, numbered from 0 by first triangle.
+    pub(super) of: Vec<u32>,
+    /// How many there are.
+    pub(super) count: usize,
+}
+
+/// The islands of a mesh in one of its texture coordinate sets.
 ///
 /// Two triangles share an edge if both its ends agree exactly in `uv` (one per vertex) and in position; vertices that
 /// were split for normals or other sets do not separate an island.
-pub(super) fn islands(mesh: &Mesh, uv: &[Vec2]) -> (Vec<u32>, usize) {
+pub(super) fn islands(mesh: &Mesh, uv: &[Vec2]) -> Islands {
     let mut numbers = CornerNumbers::default();
     let corner: Vec<u32> = uv.iter().zip(&mesh.positions).map(|(&uv, &p)| numbers.number(uv, p)).collect();
     let mut sets = DisjointSets::new(mesh.triangles.len());
@@ -66,8 +75,8 @@ impl DisjointSets {
         self.parent[a.max(b) as usize] = a.min(b);
     }
 
-    /// Set number of every element, counted by smallest member, and the number of sets.
-    fn numbered(mut self) -> (Vec<u32>, usize) {
+    /// Set number of every element, counted by smallest member.
+    fn numbered(mut self) -> Islands {
         let mut number = vec![0; self.parent.len()];
         let mut count = 0;
         for i in 0..self.parent.len() as u32 {
@@ -79,7 +88,7 @@ impl DisjointSets {
                 number[i as usize] = number[root as usize];
             }
         }
-        (number, count as usize)
+        Islands { of: number, count: count as usize }
     }
 }
 
@@ -107,23 +116,23 @@ mod tests {
     #[test]
     fn split_vertices_stay_connected_where_uv_and_position_agree() {
         let (mesh, uv) = strip(|_, p| p);
-        assert_eq!(islands(&mesh, &uv), (vec![0; 6], 1));
+        assert_eq!(islands(&mesh, &uv), Islands { of: vec![0; 6], count: 1 });
     }
 
     #[test]
     fn a_gap_in_uv_separates() {
         let (mesh, uv) = strip(|quad, p| if quad == 1 { p + Vec2::Y } else { p });
-        assert_eq!(islands(&mesh, &uv), (vec![0, 0, 1, 1, 2, 2], 3));
+        assert_eq!(islands(&mesh, &uv), Islands { of: vec![0, 0, 1, 1, 2, 2], count: 3 });
     }
 
     #[test]
     fn equal_uv_at_different_places_separates() {
         let (mesh, uv) = strip(|quad, p| p - Vec2::X * quad as f32);
-        assert_eq!(islands(&mesh, &uv).1, 3);
+        assert_eq!(islands(&mesh, &uv).count, 3);
     }
 
     #[test]
     fn no_triangles_have_no_island() {
-        assert_eq!(islands(&Mesh::default(), &[]), (vec![], 0));
+        assert_eq!(islands(&Mesh::default(), &[]).count, 0);
     }
 }

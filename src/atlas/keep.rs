@@ -2,7 +2,7 @@
 
 use super::build::{AtlasError, AtlasSettings, listed};
 use super::coverage::cover;
-use super::islands::islands;
+use super::islands::{Islands, islands};
 use super::rasterise::{MIN_COVERAGE, triangles_by_chart};
 use super::{Atlas, Chart, Layout, Page};
 use crate::progress::{Cancelled, Counter, Progress, Stage};
@@ -28,7 +28,10 @@ pub(super) fn build(
         (0..scene.instances.len()).filter(|&i| scene.instances[i].lightmap != LightmapRequest::None).collect();
     check_present(scene, &wanted)?;
     let side = settings.resolution.unwrap_or_else(|| side_for_density(scene, &wanted, settings));
-    let mesh_islands = mesh_islands(scene, &wanted, progress)?;
+    // Once for the islands, once for the overlaps.
+    let triangles = wanted.iter().map(|&i| scene.meshes[scene.instances[i].mesh].triangles.len()).sum::<usize>();
+    let counter = Counter::new(progress, Stage::Atlas, 2 * triangles);
+    let mesh_islands = mesh_islands(scene, &wanted, &counter)?;
 
     let mut atlas = Atlas {
         pages: vec![Page { width: side, height: side }],
@@ -41,12 +44,12 @@ pub(super) fn build(
     for i in wanted {
         let placed = &scene.instances[i];
         let mesh = &scene.meshes[placed.mesh];
-        let Some((island, count)) = &mesh_islands[placed.mesh] else { continue };
+        let Some(islands) = &mesh_islands[placed.mesh] else { continue };
         let uv = &mesh.texcoords[SET];
         let first = atlas.charts.len() as u32;
         let corners = mesh.triangles.iter().map(|t| t.map(|v| page_coordinate(uv[v as usize], side))).collect();
-        let layout = Layout { corners, charts: island.iter().map(|c| first + c).collect() };
-        atlas.charts.extend(chart_extents(&layout, *count, first, side).map(|(x, y)| Chart {
+        let layout = Layout { corners, charts: islands.of.iter().map(|c| first + c).collect() };
+        atlas.charts.extend(chart_extents(&layout, islands.count, first, side).map(|(x, y)| Chart {
             instance: i,
             page: 0,
             x,
@@ -55,7 +58,8 @@ pub(super) fn build(
         warnings.extend(defects(&placed.path, mesh, &layout));
         atlas.layouts[i] = Some(layout);
     }
-    warnings.extend(overlaps(scene, &atlas, progress)?);
+    warnings.extend(overlaps(scene, &atlas, &counter)?);
+    progress.report(Stage::Atlas, 1.0);
     Ok((atlas, warnings))
 }
 
@@ -90,22 +94,19 @@ fn side_for_density(scene: &Scene, wanted: &[usize], settings: &AtlasSettings) -
 }
 
 /// Islands of every mesh that a wanted instance shows.
-fn mesh_islands(
-    scene: &Scene,
-    wanted: &[usize],
-    progress: &dyn Progress,
-) -> Result<Vec<Option<(Vec<u32>, usize)>>, Cancelled> {
+fn mesh_islands(scene: &Scene, wanted: &[usize], counter: &Counter) -> Result<Vec<Option<Islands>>, Cancelled> {
     let mut shown = vec![false; scene.meshes.len()];
     wanted.iter().for_each(|&i| shown[scene.instances[i].mesh] = true);
-    let counter = Counter::new(progress, Stage::Atlas, scene.meshes.len());
     scene
         .meshes
         .par_iter()
         .zip(shown)
         .map(|(mesh, shown)| {
-            counter.advance(1)?;
-            let wanted = shown && !mesh.triangles.is_empty();
-            Ok(wanted.then(|| islands(mesh, &mesh.texcoords[SET])))
+            if !shown || mesh.triangles.is_empty() {
+                return Ok(None);
+            }
+            counter.advance(mesh.triangles.len())?;
+            Ok(Some(islands(mesh, &mesh.texcoords[SET])))
         })
         .collect()
 }
@@ -173,20 +174,19 @@ fn defects(path: &str, mesh: &Mesh, layout: &Layout) -> Vec<Warning> {
 }
 
 /// Two warnings at most: texels where charts lie upon each other, and texels in which charts only meet.
-fn overlaps(scene: &Scene, atlas: &Atlas, progress: &dyn Progress) -> Result<Vec<Warning>, Cancelled> {
+fn overlaps(scene: &Scene, atlas: &Atlas, counter: &Counter) -> Result<Vec<Warning>, Cancelled> {
     // What rounding may add to a texel that is covered once.
     const EXCESS: f32 = 1.0 + 1e-2;
     let Page { width, height } = atlas.pages[0];
     let mut claims = vec![Claim::default(); width as usize * height as usize];
-    let counter = Counter::new(progress, Stage::Atlas, atlas.charts.len());
     for (c, (chart, triangles)) in atlas.charts.iter().zip(triangles_by_chart(atlas)).enumerate() {
         let Some(layout) = &atlas.layouts[chart.instance] else { continue };
-        for t in triangles {
+        for &t in &triangles {
             cover(layout.corners[t as usize].map(|p| p.as_dvec2()), &chart.x, &chart.y, |o| {
                 claims[(o.y * width + o.x) as usize].add(c as u32, o.area as f32);
             });
         }
-        counter.advance(1)?;
+        counter.advance(triangles.len())?;
     }
 
     let (mut overlap, mut meeting) = (Conflict::default(), Conflict::default());

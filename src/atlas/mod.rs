@@ -23,8 +23,8 @@ mod uvunwrap;
 mod xatlas;
 
 pub use build::{AtlasError, AtlasSettings, Unwrapper, UvMode, build};
-pub use rasterise::rasterise;
 pub use image::PageImage;
+pub use rasterise::rasterise;
 pub use texels::{NO_TEXEL, PageTexels, SurfacePoint, Texels};
 
 use glam::Vec2;

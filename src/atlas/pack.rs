@@ -38,6 +38,12 @@ impl Spacing {
 /// Places rectangles (width, height), none larger than the page has room for, on as few pages of `page`² as the
 /// heuristic finds, but gives up if they need more than `most`. The result has one place per rectangle.
 pub(super) fn pack(rectangles: &[(u32, u32)], page: u32, spacing: Spacing, most: usize) -> Option<Vec<Place>> {
+    // Behind the last rectangle there is only the border.
+    let room = page.saturating_sub(2 * spacing.border) + spacing.between;
+    let padded = |r: &(u32, u32)| u64::from(r.0 + spacing.between) * u64::from(r.1 + spacing.between);
+    if rectangles.iter().map(padded).sum::<u64>().div_ceil(u64::from(room).pow(2).max(1)) > most as u64 {
+        return None;
+    }
     let mut order: Vec<usize> = (0..rectangles.len()).collect();
     // Stable, so that equal rectangles keep their order.
     order.sort_by_key(|&i| std::cmp::Reverse((rectangles[i].1, rectangles[i].0)));
@@ -50,8 +56,7 @@ pub(super) fn pack(rectangles: &[(u32, u32)], page: u32, spacing: Spacing, most:
             Some(found) => found,
             None if pages.len() == most => return None,
             None => {
-                // A rectangle needs no room behind the last one.
-                let mut skyline = Skyline::new(page.saturating_sub(2 * spacing.border) + spacing.between);
+                let mut skyline = Skyline::new(room);
                 let place = skyline.place(width, height)?;
                 pages.push(skyline);
                 (pages.len() - 1, place)

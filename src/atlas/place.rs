@@ -158,7 +158,7 @@ fn rectangles(placed: &[Placed], density: f64, most: u32) -> (Vec<(u32, u32)>, V
 /// and on several of `page`² only where one does not.
 fn on_pages(placed: &[Placed], density: f64, page: u32, spacing: Spacing, fixed: bool) -> Result<Packed, AtlasError> {
     let texels: f64 = placed.iter().map(|p| p.area * p.density(density).powi(2)).sum();
-    if !(texels <= MOST_TEXELS) {
+    if texels.is_nan() || texels > MOST_TEXELS {
         return Err(AtlasError::TooManyTexels { texels, most: MOST_TEXELS });
     }
     let (rectangles, shrunk) = rectangles(placed, density, spacing.usable(page));
@@ -176,7 +176,7 @@ fn on_pages(placed: &[Placed], density: f64, page: u32, spacing: Spacing, fixed:
                 let pages = cropped(&rectangles, &places, side, spacing);
                 return Ok(packed(places, pages));
             }
-            side += (side / 32).max(4);
+            side = (side + side / 32 + 1).next_multiple_of(4);
         }
     }
     let places = pack(&rectangles, page, spacing, usize::MAX).expect("no rectangle exceeds the usable page");
@@ -208,9 +208,11 @@ fn fill_one_page(
     let usable = spacing.usable(page);
     let attempt = |density: f64| {
         let (rectangles, shrunk) = rectangles(placed, density, usable);
-        // A chart that had to shrink shows that the density is more than fits.
-        let forced = placed.iter().all(|p| p.density(1.0) == p.density(2.0));
-        let places = pack(&rectangles, page, spacing, 1).filter(|_| shrunk.is_empty() || forced)?;
+        // A chart that had to shrink shows that the density is more than fits, unless its own request is to blame.
+        if shrunk.iter().any(|&i| placed[i].density(1.0) != placed[i].density(2.0)) {
+            return None;
+        }
+        let places = pack(&rectangles, page, spacing, 1)?;
         Some(Packed { rectangles, places, pages: vec![Page { width: page, height: page }], shrunk, overflow: false })
     };
     if area <= 0.0 {

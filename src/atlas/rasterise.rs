@@ -36,24 +36,27 @@ pub(super) struct Fragment {
 
 /// All valid texels of the atlas. A position that two charts claim belongs to the first of them.
 pub fn rasterise(scene: &Scene, atlas: &Atlas, progress: &dyn Progress) -> Result<Texels, Cancelled> {
-    let fragments = fragments(scene, atlas, progress)?;
+    // Every texel at most twice: when it is cut out and when its surfel is worked out.
+    let most: usize = atlas.charts.iter().map(|c| c.x.len() * c.y.len()).sum();
+    let counter = Counter::new(progress, Stage::Texels, 2 * most);
+    let fragments = fragments(scene, atlas, &counter)?;
     let mut texels = empty_texels(atlas);
     let fragments = claim(atlas, fragments, &mut texels);
-    fill(scene, atlas, &fragments, &mut texels, progress)?;
+    fill(scene, atlas, &fragments, &mut texels, &counter)?;
+    progress.report(Stage::Texels, 1.0);
     Ok(texels)
 }
 
 /// Per chart, its fragments texel by texel in Morton order, the largest of each texel first.
-fn fragments(scene: &Scene, atlas: &Atlas, progress: &dyn Progress) -> Result<Vec<Vec<Fragment>>, Cancelled> {
+fn fragments(scene: &Scene, atlas: &Atlas, counter: &Counter) -> Result<Vec<Vec<Fragment>>, Cancelled> {
     let triangles = triangles_by_chart(atlas);
-    let counter = Counter::new(progress, Stage::Texels, atlas.charts.len());
     atlas
         .charts
         .par_iter()
         .zip(&triangles)
         .map(|(chart, triangles)| {
             let fragments = chart_fragments(scene, atlas, chart, triangles);
-            counter.advance(1)?;
+            counter.advance(chart.x.len() * chart.y.len())?;
             Ok(fragments)
         })
         .collect()
@@ -106,6 +109,7 @@ fn drop_slivers(mut fragments: Vec<Fragment>) -> Vec<Fragment> {
         previous = Some(f.code);
         (first || f.area >= MIN_OVERLAP) && dropped.binary_search(&f.code).is_err()
     });
+    fragments.shrink_to_fit();
     fragments
 }
 
@@ -151,7 +155,7 @@ fn fill(
     atlas: &Atlas,
     fragments: &[Fragment],
     texels: &mut Texels,
-    progress: &dyn Progress,
+    counter: &Counter,
 ) -> Result<(), Cancelled> {
     let surfaces: Vec<Option<Surface>> =
         (0..atlas.layouts.len()).map(|instance| Surface::new(scene, atlas, instance)).collect();
@@ -159,7 +163,6 @@ fn fill(
         surfaces.iter().flatten().any(|s| s.mesh.primitives.iter().any(|p| scene.materials[p.material].emits()));
     let n = texels.len();
     reserve(texels, n, emits);
-    let counter = Counter::new(progress, Stage::Texels, n);
     let mut batch = Vec::new();
     for start in (0..n).step_by(BATCH) {
         let end = (start + BATCH).min(n);

@@ -91,6 +91,8 @@ fn shape(index: usize, mesh: &Mesh, linear: DMat3) -> Shape {
         instances: Vec::new(),
     };
     shape.triangles = (0..mesh.triangles.len() as u32).filter(|&t| is_sound(shape.corners(mesh, t))).collect();
+    // Nothing sound refers to positions beyond the range of numbers, but unwrappers look at all of them.
+    shape.positions.iter_mut().filter(|p| !p.is_finite()).for_each(|p| *p = Vec3::ZERO);
     shape
 }
 
@@ -123,6 +125,7 @@ mod tests {
             casts_shadows: true,
             lightmap: LightmapRequest::Default,
             group: None,
+            gpu_instance: None,
         };
         let scene = Scene { meshes: vec![mesh], instances: transforms.iter().map(place).collect(), ..Scene::default() };
         shapes(&scene).into_iter().map(|s| s.instances).collect()

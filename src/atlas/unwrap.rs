@@ -38,11 +38,11 @@ pub(super) fn existing(scene: &Scene, shapes: &[Shape], set: impl Fn(usize) -> O
             let mesh = &scene.meshes[shape.mesh];
             let mut unwrapped = Unwrapped::none(mesh.triangles.len());
             let Some(uv) = set(shape.mesh).map(|set| &mesh.texcoords[set]) else { return unwrapped };
-            let (chart, _) = islands(mesh, uv);
+            let islands = islands(mesh, uv);
             for &t in &shape.triangles {
                 let corners = mesh.triangles[t as usize].map(|v| uv[v as usize]);
                 if corners.iter().all(|c| c.is_finite()) {
-                    unwrapped.set(t, chart[t as usize], corners);
+                    unwrapped.set(t, islands.of[t as usize], corners);
                 }
             }
             unwrapped

@@ -8,6 +8,7 @@ use crate::scene::{Mesh, Scene};
 use ::uvunwrap::{Density, Error, MeshInput, Options, Packing, generate_with_progress};
 use glam::Vec2;
 use rayon::prelude::*;
+use std::panic::{AssertUnwindSafe, catch_unwind};
 
 /// Texels along the side of an average triangle in uvunwrap's own packing, which is thrown away.
 const TEXELS_PER_TRIANGLE: f64 = 4.0;
@@ -36,10 +37,16 @@ fn unwrap_shape(mesh: &Mesh, shape: &Shape, progress: &dyn Progress) -> Result<U
     let density = Density::Fixed { texels_per_unit: (TEXELS_PER_TRIANGLE / side) as f32, page_size: None };
     let options = Options { density, packing: Packing::Fast, padding: 1, ..Options::default() };
     let input = MeshInput::new(&positions, &indices);
-    let atlas = generate_with_progress(&[input], &options, |_| !progress.is_cancelled()).map_err(|e| match e {
-        Error::Cancelled => Cancelled.into(),
-        e => AtlasError::Unwrapper { tool: "uvunwrap", reason: format!("mesh `{}`: {e}", mesh.name) },
-    })?;
+    let failed =
+        |reason: String| AtlasError::Unwrapper { tool: "uvunwrap", reason: format!("mesh `{}`: {reason}", mesh.name) };
+    // A defect of the library on one odd mesh must not end the program without a message.
+    let generate = || generate_with_progress(&[input], &options, |_| !progress.is_cancelled());
+    let atlas = match catch_unwind(AssertUnwindSafe(generate)) {
+        Ok(Ok(atlas)) => atlas,
+        Ok(Err(Error::Cancelled)) => return Err(Cancelled.into()),
+        Ok(Err(e)) => return Err(failed(e.to_string())),
+        Err(_) => return Err(failed("it stopped unexpectedly".into())),
+    };
 
     let size = Vec2::new(atlas.width as f32, atlas.height as f32);
     for output in &atlas.meshes {
