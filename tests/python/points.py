@@ -12,7 +12,7 @@ from glb import Glb, Json
 from lightmap import Page, bilinear
 
 Array = npt.NDArray[np.float64]
-_CORNER_WEIGHTS = ((1 / 3, 1 / 3, 1 / 3), (0.6, 0.25, 0.15), (0.15, 0.6, 0.25))
+_CORNER_WEIGHTS = ((1 / 3, 1 / 3, 1 / 3), (0.6, 0.25, 0.15), (0.15, 0.6, 0.25), (0.25, 0.15, 0.6))
 
 
 @dataclass(frozen=True)
@@ -60,7 +60,7 @@ def placed_meshes(glb: Glb) -> Iterator[tuple[Json, Array]]:
 
 
 def comparable_points(glb: Glb, page: Page, at_least: float) -> list[Point]:
-    """Points of untextured, lightmapped materials where the page is smooth and its darkest channel is bright enough.
+    """Points of untextured, lightmapped materials where the page is smooth and its brightest channel is bright enough.
 
     Smooth: a shift by half a texel changes the value by less than 2 %, so that filtering does not matter.
     """
@@ -94,5 +94,5 @@ def _points_of(
             here = bilinear(page, u, v)
             around = [bilinear(page, u + s * half_u, v + t * half_v) for s in (-1, 1) for t in (-1, 1)]
             smooth = all(np.abs(other / here - 1).max() < 0.02 for other in around) if here.min() > 0 else False
-            if smooth and here.min() >= at_least:
+            if smooth and here.max() >= at_least:
                 yield Point(np.array(weights) @ positions[triangle], normal / np.linalg.norm(normal), reflectance, here)

@@ -17,7 +17,7 @@ from points import comparable_points
 
 TOLERANCE = 0.03
 POINTS = 24
-# The GLB's own lightmap has 8 bits per channel: below a tenth of the range its steps exceed the tolerance.
+# Points are compared where the brightest channel has at least this share of the page's range.
 DIMMEST_SHARE = 0.1
 
 
@@ -39,4 +39,11 @@ def test_three_shows_reflectance_times_irradiance(baked: BakeOnce, tmp_path: Pat
     assert shown["lightmapped"] == 7, "every object of the Cornell box has a lightmap"
     measured = np.array(shown["radiance"])
     expected = np.array([p.reflectance * p.irradiance / np.pi for p in points])
-    np.testing.assert_allclose(measured, expected, rtol=TOLERANCE)
+    # The GLB's own lightmap has 8 bits per channel, so a value may be off by half a step.
+    lightmaps = [
+        m["extensions"]["MOZ_lightmap"] for m in lit.json["materials"] if "MOZ_lightmap" in m.get("extensions", {})
+    ]
+    half_step = 0.5 / 255 * max(lightmap["intensity"] for lightmap in lightmaps)
+    allowed = TOLERANCE * expected + np.array([p.reflectance for p in points]) * half_step / np.pi
+    off = np.abs(measured - expected) > allowed
+    assert not off.any(), f"measured {measured[off]}, expected {expected[off]}"

@@ -39,7 +39,13 @@ def test_one_thread_gives_the_same_bits(scene: str, baked: BakeOnce, tmp_path: P
 
 def test_report_counts_what_was_baked(baked: BakeOnce) -> None:
     report = baked("cornell_box").report
-    assert report, "the report is empty"
+    assert report["schema"].startswith("lightkiln-report/")
+    assert report["scene"]["triangles"] == 30
+    assert report["scene"]["lights"] == 1
+    assert report["atlas"]["texels"] > 0
+    assert {stage["stage"] for stage in report["stages"]} >= {"import", "solve", "gather"}
+    folder = baked("cornell_box").folder
+    assert all((folder / name).is_file() for name in report["outputs"])
 
 
 def test_red_wall_colours_its_neighbours(baked: BakeOnce) -> None:
