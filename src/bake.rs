@@ -73,8 +73,11 @@ pub fn bake(path: &Path, settings: &Settings, progress: &dyn Progress) -> Result
     let mut clock = StageClock::start();
     let mut results = Results::open(path, settings)?;
 
-    let mut imported = clock.measure(Stage::Import, || import::load(path, &settings.import, progress))?;
-    let hash = scene_hash(&imported.document);
+    let (mut imported, hash) = clock.measure(Stage::Import, || {
+        let imported = import::load(path, &settings.import, progress)?;
+        let hash = scene_hash(&imported.document);
+        Ok::<_, ImportError>((imported, hash))
+    })?;
     imported.warnings.iter().for_each(|w| progress.warn(w));
     let scene = &imported.scene;
 
