@@ -4,6 +4,8 @@ use crate::atlas::AtlasSettings;
 use crate::import::ImportSettings;
 use crate::output::OutputSettings;
 use crate::post::PostSettings;
+use serde_json::{Value, json};
+use std::collections::BTreeMap;
 use std::ops::RangeInclusive;
 
 /// Errors that can be aimed for, as a share.
@@ -33,5 +35,24 @@ impl Default for Settings {
             output: OutputSettings::default(),
             error: 0.02,
         }
+    }
+}
+
+impl Settings {
+    /// The settings that decide what a lightmap looks like, by the names of their options, for the report.
+    pub fn facts(&self) -> BTreeMap<String, Value> {
+        let Settings { atlas, output, .. } = self;
+        let facts = [
+            // Through text, so that 0.02 does not become 0.019999999552965164.
+            ("error", json!(self.error.to_string().parse::<f64>().ok())),
+            ("uv", json!(format!("{:?}", atlas.uv).to_lowercase())),
+            ("unwrapper", json!(format!("{:?}", atlas.unwrapper).to_lowercase())),
+            ("texels-per-metre", json!(atlas.texels_per_metre)),
+            ("resolution", json!(atlas.resolution)),
+            ("padding", json!(atlas.padding)),
+            ("quantity", json!(output.quantity)),
+            ("precision", json!(output.precision)),
+        ];
+        facts.into_iter().map(|(name, value)| (name.to_owned(), value)).collect()
     }
 }

@@ -18,8 +18,8 @@ pub(crate) fn run(options: &BakeArguments, console: Console, cancelled: &'static
     let folder = settings.output.folder;
     console.event(&json!({
         "event": "result",
-        "folder": folder,
-        "outputs": report.outputs.iter().map(|name| folder.join(name)).collect::<Vec<_>>(),
+        "folder": folder.display().to_string(),
+        "outputs": report.outputs.iter().map(|name| folder.join(name).display().to_string()).collect::<Vec<_>>(),
         "report": report,
     }));
     if console.is_watched() {

@@ -1,6 +1,7 @@
 //! How a command that did not succeed ends: message, machine-readable code and exit status.
 
 use super::console::Console;
+use super::interrupt;
 use lightkiln::bake::BakeError;
 use lightkiln::import::ImportError;
 use std::process::ExitCode;
@@ -37,7 +38,10 @@ impl Failure {
 
     /// Tells the user and returns the process's status.
     pub(crate) fn report(&self, console: &Console) -> ExitCode {
-        console.error(self.code, &format!("{:#}", self.error));
+        match self.status {
+            Status::Interrupted => interrupt::announce(console),
+            _ => console.error(self.code, &format!("{:#}", self.error)),
+        }
         ExitCode::from(self.status as u8)
     }
 }

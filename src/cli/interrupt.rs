@@ -15,8 +15,15 @@ static CANCELLED: AtomicBool = AtomicBool::new(false);
 /// unwrapper or a write that cannot be interrupted.
 const GRACE: Duration = Duration::from_millis(800);
 
-/// What the user is told.
-pub(crate) const MESSAGE: &str = "interrupted; nothing was written";
+/// True once the user was told.
+static ANNOUNCED: AtomicBool = AtomicBool::new(false);
+
+/// Tells the user, once, whether the stages ended by themselves or were left.
+pub(crate) fn announce(console: &Console) {
+    if !ANNOUNCED.swap(true, Ordering::SeqCst) {
+        console.error("interrupted", "interrupted; nothing was written");
+    }
+}
 
 /// Starts to listen. Returns the flag that the first signal raises.
 pub(crate) fn listen(console: Console) -> &'static AtomicBool {
@@ -39,6 +46,6 @@ pub(crate) fn listen(console: Console) -> &'static AtomicBool {
 /// Ends the process now.
 fn leave(console: Console) -> ! {
     files::abandon();
-    console.error("interrupted", MESSAGE);
+    announce(&console);
     exit(INTERRUPTED)
 }

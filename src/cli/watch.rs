@@ -37,7 +37,15 @@ pub(crate) struct Watch {
     start: Instant,
     /// Milliseconds after the start before which nothing more is shown.
     quiet_until: AtomicU64,
-    current: Mutex<Option<Current>>,
+    state: Mutex<State>,
+}
+
+/// What was shown last.
+#[derive(Default)]
+struct State {
+    current: Option<Current>,
+    /// Share of the whole bake that is done. It never shrinks, even if a stage is taken up again.
+    overall: f64,
 }
 
 /// The stage that runs.
@@ -56,14 +64,7 @@ impl Watch {
                 .expect("the template is well-formed");
             ProgressBar::new(STEPS).with_style(style.progress_chars("=> "))
         });
-        Self {
-            console,
-            cancelled,
-            bar,
-            start: Instant::now(),
-            quiet_until: AtomicU64::new(0),
-            current: Mutex::new(None),
-        }
+        Self { console, cancelled, bar, start: Instant::now(), quiet_until: AtomicU64::new(0), state: Mutex::default() }
     }
 
     /// True if it is time for another update.
@@ -75,12 +76,10 @@ impl Watch {
         now >= until && self.quiet_until.compare_exchange(until, next, Ordering::Relaxed, Ordering::Relaxed).is_ok()
     }
 
-    fn show(&self, current: Current) {
-        let (before, own) = share(current.stage);
-        let done = before + own * current.done;
+    fn show(&self, current: Current, overall: f64) {
         let eta = seconds_left(self.start.elapsed().as_secs_f64(), current);
         if let Some(bar) = &self.bar {
-            bar.set_position((done * STEPS as f64) as u64);
+            bar.set_position((overall * STEPS as f64) as u64);
             bar.set_prefix(eta.map(|s| format!("  {} left", clock(s))).unwrap_or_default());
             bar.set_message(current.stage.name());
         }
@@ -88,7 +87,7 @@ impl Watch {
             "event": "progress",
             "stage": current.stage.name(),
             "done": (current.done * 1e4).round() / 1e4,
-            "overall": (done * 1e4).round() / 1e4,
+            "overall": (overall * 1e4).round() / 1e4,
             "eta_s": eta.map(|s| (s * 10.0).round() / 10.0),
         }));
     }
@@ -105,8 +104,8 @@ impl Progress for Watch {
         if !due && done > 0.0 && done < 1.0 {
             return;
         }
-        let mut current = self.current.lock().unwrap_or_else(PoisonError::into_inner);
-        let shown = match &mut *current {
+        let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
+        let shown = match &mut state.current {
             Some(c) if c.stage == stage => {
                 // Threads overtake each other between counting and reporting.
                 let advanced = done > c.done;
@@ -114,12 +113,14 @@ impl Progress for Watch {
                 advanced && (due || done == 1.0)
             }
             _ => {
-                *current = Some(Current { stage, start: Instant::now(), done });
+                state.current = Some(Current { stage, start: Instant::now(), done });
                 true
             }
         };
-        if shown && let Some(current) = *current {
-            self.show(current);
+        if shown && let Some(current) = state.current {
+            let (before, own) = share(current.stage);
+            state.overall = state.overall.max(before + own * current.done);
+            self.show(current, state.overall);
         }
     }
 

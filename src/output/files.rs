@@ -49,10 +49,7 @@ impl OutputError {
     /// The error that `source` means for `path`.
     fn writing(path: &Path, source: io::Error) -> Self {
         let path = path.to_path_buf();
-        match source.kind() {
-            ErrorKind::StorageFull | ErrorKind::QuotaExceeded => Self::Full { path, source },
-            _ => Self::Write { path, source },
-        }
+        if lacks_space(&source) { Self::Full { path, source } } else { Self::Write { path, source } }
     }
 
     /// Stable, machine-readable kind.
@@ -70,6 +67,11 @@ impl OutputError {
     pub fn is_environment(&self) -> bool {
         !matches!(self, Self::Exists(_))
     }
+}
+
+/// True if there is no room for more bytes: on the disk, or within a limit of the user's.
+fn lacks_space(error: &io::Error) -> bool {
+    matches!(error.kind(), ErrorKind::StorageFull | ErrorKind::QuotaExceeded | ErrorKind::FileTooLarge)
 }
 
 /// What a file's content is written to.
@@ -224,7 +226,7 @@ impl OutputSet {
                 Err(e) if e.kind() == ErrorKind::NotADirectory => {
                     return Err(OutputError::NotAFolder(self.folder.clone()));
                 }
-                Err(e) if e.kind() == ErrorKind::StorageFull => return Err(OutputError::writing(&path, e)),
+                Err(e) if lacks_space(&e) => return Err(OutputError::writing(&path, e)),
                 Err(source) => return Err(OutputError::NotWritable { folder: self.folder.clone(), source }),
             }
         }
@@ -234,9 +236,12 @@ impl OutputSet {
     /// Fails if the folder takes no new file.
     fn probe(&self) -> Result<(), OutputError> {
         let path = self.folder.join(format!(".lightkiln.partial-{}", std::process::id()));
-        let created = create(&path).map_err(|e| match e.kind() {
-            ErrorKind::StorageFull | ErrorKind::QuotaExceeded => OutputError::writing(&path, e),
-            _ => OutputError::NotWritable { folder: self.folder.clone(), source: e },
+        let created = create(&path).map_err(|e| {
+            if lacks_space(&e) {
+                OutputError::writing(&path, e)
+            } else {
+                OutputError::NotWritable { folder: self.folder.clone(), source: e }
+            }
         });
         discard(&path);
         created.map(|_| ())

@@ -1,6 +1,12 @@
 //! From irradiance per texel to pages that can be shown: seams mended, empty texels around charts filled.
 
 mod dilate;
+mod edges;
+mod holes;
+mod least_squares;
+mod seams;
+
+pub use holes::fill_unusable;
 
 use crate::atlas::{Atlas, PageImage, Texels};
 use crate::progress::{Cancelled, Progress, Stage};
@@ -23,25 +29,34 @@ impl Default for PostSettings {
     }
 }
 
+/// Rings that bilinear lookups at a chart's edge can reach.
+const LOOKUP_RINGS: u32 = 2;
+
 /// Pages of irradiance from `values`, one per texel. Values are finite and not negative.
 pub fn finish(
     atlas: &Atlas,
     texels: &Texels,
-    _scene: &Scene,
+    scene: &Scene,
     values: &[Rgb],
     settings: &PostSettings,
     progress: &dyn Progress,
 ) -> Result<Vec<PageImage>, Cancelled> {
-    progress.report(Stage::Post, 0.0);
     let mut pages = place(atlas, texels, values);
-    let count = pages.len().max(1) as f64;
-    for (i, page) in pages.iter_mut().enumerate() {
+    let mut filled: Vec<Vec<bool>> = pages.iter().map(|p| p.valid.clone()).collect();
+    if settings.seams {
+        for page in &mut pages {
+            dilate::dilate(page, LOOKUP_RINGS);
+        }
+        seams::mend(atlas, texels, scene, &mut pages, &mut filled, progress)?;
+    }
+    let rings = settings.dilation.max(atlas.padding);
+    for (page, filled) in pages.iter_mut().zip(&mut filled) {
         if progress.is_cancelled() {
             return Err(Cancelled);
         }
-        dilate::dilate(page, settings.dilation.max(atlas.padding));
-        progress.report(Stage::Post, (i + 1) as f64 / count);
+        dilate::dilate_from(page, filled, rings);
     }
+    progress.report(Stage::Post, 1.0);
     Ok(pages)
 }
 
