@@ -52,7 +52,7 @@ pub(super) fn light(
     })?;
     counts.rays.insert("shadow".into(), rays);
 
-    let (surfels, tree, element_direct, irradiance) = clock.measure(Stage::Solve, || {
+    let (surfels, tree, element_direct, mut irradiance) = clock.measure(Stage::Solve, || {
         let surfels = Surfels::new(scene, atlas, texels);
         let tree = hierarchy(&accel, atlas, &surfels, progress)?;
         let elements = elements(scene, atlas, &surfels, &tree, &emission, &lamps, &direct);
@@ -69,8 +69,12 @@ pub(super) fn light(
     })?;
 
     let indirect = clock.measure(Stage::Gather, || {
-        let source =
-            Source::new(&accel, atlas, &surfels, &tree, &emission, &direct, &element_direct, &irradiance);
+        let passes: u32 = std::env::var("PASSES").ok().and_then(|s| s.parse().ok()).unwrap_or(1);
+        for pass in 0..passes {
+            let source = Source::new(&accel, atlas, &surfels, &tree, &emission, &direct, &element_direct, &irradiance);
+            irradiance = gather::element_rest(&source, &surfels, &tree, pass, progress)?;
+        }
+        let source = Source::new(&accel, atlas, &surfels, &tree, &emission, &direct, &element_direct, &irradiance);
         let floor = 0.1 * mean(texels, &direct, &tree, &irradiance);
         gather::indirect(&source, atlas, texels, &footprint, &cell_settings(error, floor), progress)
     })?;

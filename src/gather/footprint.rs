@@ -33,7 +33,7 @@ impl<'a> Footprint<'a> {
         progress: &dyn Progress,
     ) -> Result<Self, Cancelled> {
         let scene = accel.scene();
-        let hideable = has_solids(scene);
+        let hideable = has_solids(scene) && std::env::var_os("NOHIDE").is_none();
         let mut cells = vec![0u16; texels.len()];
         let mut hidden = vec![false; texels.len()];
         cells.par_chunks_mut(CHUNK).zip(hidden.par_chunks_mut(CHUNK)).enumerate().try_for_each(

@@ -13,7 +13,7 @@ pub use direct::{DirectSettings, Lamps, element_direct, texel_direct};
 pub use emitters::{Emission, classify};
 pub use footprint::Footprint;
 pub use lamp::Lamp;
-pub use probe::{Probe, ProbeSettings};
+pub use probe::{Probe, ProbeSettings, element_rest};
 pub use source::Source;
 
 use crate::scene::Rgb;
