@@ -20,7 +20,7 @@ HERE = Path(__file__).parent
 
 # The flame's gradient in the shared texture, as texture coordinates (u, v).
 FLAME_LOW, FLAME_HIGH = (0.9, 0.5), (0.96, 0.75)
-FLAME_RADIANCE = 240.0  # W/(m²·sr) where the texture is white
+FLAME_RADIANCE = 480.0  # W/(m²·sr) where the texture is white
 # From a free torch's flame to the bowl of a mounted one, which leans away from the wall.
 MOUNTED_FLAME = (0.0, -0.015, 0.32)
 
