@@ -95,7 +95,7 @@ window.measure = async (base64, probes) => {
   return { lightmapped, radiance };
 };
 
-window.picture = async (base64, pages, exposure, width, height) => {
+window.picture = async (base64, pages, exposure, width, height, type) => {
   const textures = Object.fromEntries(Object.entries(pages).map(([name, page]) => [name, exrTexture(page)]));
   const { scene, cameras } = await load(base64, textures);
   if (cameras.length === 0) throw new Error("the file has no camera");
@@ -110,5 +110,5 @@ window.picture = async (base64, pages, exposure, width, height) => {
   camera.aspect = width / height;
   camera.updateProjectionMatrix();
   renderer.render(world, camera);
-  return renderer.domElement.toDataURL("image/png");
+  return renderer.domElement.toDataURL(type, 0.9);
 };
