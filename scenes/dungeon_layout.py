@@ -44,6 +44,8 @@ def shell() -> list[Placement]:
         placements.append(Placement("floor_tile_large_rocks" if broken else "floor_tile_large", x, 0.0, z))
         if (x, z) != ROOF_HOLE:
             placements.append(Placement("floor_wood_large_dark", x, 2 * STOREY, z, upside_down=True))
+            # Its back is open: a roof keeps the sky out of the joints with the walls.
+            placements.append(Placement("floor_tile_large", x, 2 * STOREY + 0.2, z))
     for x in (2.0, 6.0, 10.0):
         # Floor pieces have no underside: a second one, set back a little, closes the gallery from below.
         placements.append(Placement("floor_wood_large", x, STOREY, 18.0))

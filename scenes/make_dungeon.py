@@ -20,7 +20,7 @@ HERE = Path(__file__).parent
 
 # The flame's gradient in the shared texture, as texture coordinates (u, v).
 FLAME_LOW, FLAME_HIGH = (0.9, 0.5), (0.96, 0.75)
-FLAME_RADIANCE = 240.0  # W/(m²·sr) where the texture is white
+FLAME_RADIANCE = 480.0  # W/(m²·sr) where the texture is white
 # From a free torch's flame to the bowl of a mounted one, which leans away from the wall.
 MOUNTED_FLAME = (0.0, -0.015, 0.32)
 
@@ -76,7 +76,7 @@ class Kit:
         """A node with the flame of a lit piece. A flame has no lightmap: it only emits."""
         source = self.read(piece)
         geometry = source.geometry(source.json["meshes"][0]["primitives"][0])
-        mesh = self.mesh(f"{piece} flame", split_flame(geometry)[1], self.flame)
+        mesh = self.mesh(f"{piece} flame", turned(split_flame(geometry)[1]), self.flame)
         node: Json = {"name": "flame", "mesh": mesh, "extensions": {EXTENSION: {"lightmap": False}}}
         if any(translation):
             node["translation"] = list(translation)
@@ -124,6 +124,13 @@ def subset(geometry: Geometry, indices: list[int]) -> Geometry:
         texcoords=[[geometry.texcoords[0][i] for i in used]],
         indices=[place[i] for i in indices],
     )
+
+
+def turned(geometry: Geometry) -> Geometry:
+    """The same triangles facing the other way. The kit's flames face inwards, and emission leaves the front only."""
+    indices = [geometry.indices[i + k] for i in range(0, len(geometry.indices), 3) for k in (0, 2, 1)]
+    normals: list[Vector] = [(-x, -y, -z) for x, y, z in geometry.normals]
+    return Geometry(geometry.positions, normals, geometry.texcoords, indices)
 
 
 def add_piece(kit: Kit, placement: Placement, name: str) -> None:

@@ -15,7 +15,7 @@ from pathlib import Path
 from glb import EXTENSION, Glb, Json, look_along, point_along
 
 METRES_PER_UNIT = 40.0  # the model is half a unit across: 20 m of ground, a car of 1.8 m in height
-SUN_ELEVATION, SUN_AZIMUTH = math.radians(38.0), math.radians(35.0)  # azimuth from +Z towards +X
+SUN_ELEVATION, SUN_AZIMUTH = math.radians(38.0), math.radians(-55.0)  # azimuth from +Z towards +X
 SUN = {"name": "Sun", "type": "sun", "irradiance": [4.6, 4.1, 3.4], "angle": 0.00918}
 SKY = {"gradient": {"zenith": [0.22, 0.36, 0.70], "horizon": [0.55, 0.66, 0.82], "ground": [0.08, 0.08, 0.07]}}
 

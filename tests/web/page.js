@@ -95,12 +95,13 @@ window.measure = async (base64, probes) => {
   return { lightmapped, radiance };
 };
 
-window.picture = async (base64, pages, exposure, width, height) => {
+window.picture = async (base64, pages, exposure, width, height, type) => {
   const textures = Object.fromEntries(Object.entries(pages).map(([name, page]) => [name, exrTexture(page)]));
   const { scene, cameras } = await load(base64, textures);
   if (cameras.length === 0) throw new Error("the file has no camera");
-  scene.background = new THREE.Color(0.8, 0.85, 0.9);
-  scene.updateMatrixWorld(true);
+  const world = new THREE.Scene().add(scene);
+  world.background = new THREE.Color(0.8, 0.85, 0.9);
+  world.updateMatrixWorld(true);
   const renderer = new THREE.WebGLRenderer({ antialias: true, preserveDrawingBuffer: true });
   renderer.setSize(width, height);
   renderer.toneMapping = THREE.AgXToneMapping;
@@ -108,6 +109,6 @@ window.picture = async (base64, pages, exposure, width, height) => {
   const camera = cameras[0];
   camera.aspect = width / height;
   camera.updateProjectionMatrix();
-  renderer.render(scene, camera);
-  return renderer.domElement.toDataURL("image/png");
+  renderer.render(world, camera);
+  return renderer.domElement.toDataURL(type, 0.9);
 };
