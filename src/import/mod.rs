@@ -9,6 +9,7 @@ mod checked;
 mod checks;
 mod container;
 mod deform;
+mod draco;
 
 mod environment;
 mod error;
@@ -19,6 +20,7 @@ mod json;
 mod lights;
 mod materials;
 mod meshes;
+mod meshopt;
 mod nodes;
 mod roots;
 mod skins;
