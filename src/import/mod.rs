@@ -17,6 +17,7 @@ mod extensions;
 mod geometry;
 mod instances;
 mod json;
+mod ktx2;
 mod lights;
 mod materials;
 mod meshes;
