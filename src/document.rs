@@ -7,7 +7,7 @@ use std::path::PathBuf;
 /// A glTF asset with its buffers in memory.
 #[derive(Clone, Debug, Default)]
 pub struct Document {
-    /// The glTF JSON. Node, mesh, primitive and material indices of the scene refer to it.
+    /// The glTF JSON, with compressed geometry (Draco, meshopt) already replaced by plain accessors. Node, mesh, primitive and material indices of the scene refer to it.
     pub json: Value,
     /// Content of `buffers[i]`, without a URI to look up any more.
     pub buffers: Vec<Vec<u8>>,

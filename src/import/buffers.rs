@@ -1,7 +1,7 @@
 //! Buffers of a document: GLB chunk, data URI or file → bytes.
 
-use super::ImportError;
 use super::uri::{Resource, resolve};
+use super::{ImportError, meshopt};
 use serde_json::Value;
 use std::path::Path;
 
@@ -14,6 +14,9 @@ pub(super) fn load(json: &Value, chunk: Option<Vec<u8>>, directory: &Path) -> Re
 
 fn load_one(i: usize, buffer: &Value, chunk: &mut Option<Vec<u8>>, directory: &Path) -> Result<Vec<u8>, ImportError> {
     let place = format!("buffers[{i}]");
+    if let Some(length) = meshopt::fallback_length(buffer) {
+        return meshopt::fallback_buffer(&place, length);
+    }
     let bytes = match buffer.get("uri").and_then(Value::as_str) {
         Some(uri) => {
             match resolve(uri, directory).map_err(|fault| ImportError::invalid(format!("{place}.uri"), fault))? {

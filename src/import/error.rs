@@ -75,13 +75,8 @@ pub enum ImportError {
         fault: String,
     },
     /// The file cannot be understood without an extension that is not read.
-    #[error("the file requires the extension {name}, which is not supported: {remedy}")]
-    RequiredExtension {
-        /// Extension.
-        name: String,
-        /// How to export without it.
-        remedy: String,
-    },
+    #[error("the file requires the extension {0}, which is not supported: export the scene without it")]
+    RequiredExtension(String),
     /// A node is its own ancestor.
     #[error("node `{0}` is its own ancestor: remove the cycle from its children")]
     Cycle(String),

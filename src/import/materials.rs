@@ -23,8 +23,8 @@ pub(super) fn load(
     warnings: &mut Vec<Warning>,
 ) -> Material {
     let Some((index, core)) = used.source.and_then(|i| Some((i, source.gltf.materials().nth(i)?))) else {
-        let message = "some primitives have no material: they are baked as white and diffuse; assign one";
-        warnings.push(Warning::new("no_material", "default", message));
+        let message = "it or other objects have faces without a material: they are baked white and diffuse; assign one";
+        warnings.push(Warning::new("no_material", used.path.as_str(), message));
         return Material::default();
     };
     let name = core.name().map_or_else(|| format!("material{index}"), str::to_owned);

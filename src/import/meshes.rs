@@ -25,6 +25,8 @@ pub(super) struct UsedMaterial {
     pub(super) source: Option<usize>,
     /// A primitive with vertex colours uses it.
     pub(super) painted: bool,
+    /// Path of the first node that shows it, for messages.
+    pub(super) path: String,
 }
 
 /// What makes two nodes show the same geometry: mesh, bits of the morph weights, skin.
@@ -74,15 +76,17 @@ impl<'a> ShownMeshes<'a> {
 
     /// Materials of the meshes by index, the default one first.
     pub(super) fn materials(&self, source: &Source) -> Vec<UsedMaterial> {
-        let mut used: Vec<Option<bool>> = vec![None; source.gltf.materials().len() + 1];
-        for primitive in self.requests.iter().flat_map(|request| request.mesh.primitives()) {
-            let slot = primitive.material().index().map_or(0, |i| i + 1);
-            let painted = primitive.get(&gltf::Semantic::Colors(0)).is_some();
-            used[slot] = Some(painted || used[slot] == Some(true));
+        let mut used: Vec<Option<UsedMaterial>> = Vec::new();
+        used.resize_with(source.gltf.materials().len() + 1, || None);
+        for request in &self.requests {
+            for primitive in request.mesh.primitives() {
+                let index = primitive.material().index();
+                let painted = primitive.get(&gltf::Semantic::Colors(0)).is_some();
+                let first = || UsedMaterial { source: index, painted, path: request.path.to_owned() };
+                used[index.map_or(0, |i| i + 1)].get_or_insert_with(first).painted |= painted;
+            }
         }
-        let used = used.into_iter().enumerate();
-        used.filter_map(|(slot, painted)| Some(UsedMaterial { source: slot.checked_sub(1), painted: painted? }))
-            .collect()
+        used.into_iter().flatten().collect()
     }
 
     /// Reads all meshes. Their materials are positions in `materials`.

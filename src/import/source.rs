@@ -1,6 +1,6 @@
 //! An opened file: raw JSON and buffers beside the typed core of glTF.
 
-use super::{ImportError, buffers, checked, container, extensions, json, uri};
+use super::{ImportError, buffers, checked, container, draco, extensions, json, meshopt, uri};
 use crate::document::{Document, ExternalImage};
 use std::path::Path;
 
@@ -12,13 +12,16 @@ pub(super) struct Source {
     pub(super) gltf: gltf::Document,
 }
 
-/// Reads the file, its buffers, and checks what later steps rely on.
+/// Reads the file and its buffers, undoes compression, and checks what later steps rely on.
 pub(super) fn open(path: &Path) -> Result<Source, ImportError> {
     let container = container::read(path)?;
     extensions::check_required(&container.json)?;
     let directory = path.parent().unwrap_or(Path::new("")).to_path_buf();
-    let buffers = buffers::load(&container.json, container.chunk, &directory)?;
-    let mut document = Document { json: container.json, buffers, directory, external_images: Vec::new() };
+    let mut json = container.json;
+    let mut buffers = buffers::load(&json, container.chunk, &directory)?;
+    meshopt::decode(&mut json, &mut buffers)?;
+    draco::decode(&mut json, &mut buffers)?;
+    let mut document = Document { json, buffers, directory, external_images: Vec::new() };
     document.external_images = external_images(&document);
     let gltf = checked::document(path, &document.json, &document.buffers)?;
     Ok(Source { document, gltf })

@@ -2,7 +2,7 @@
 
 use super::source::Source;
 use super::uri::{Resource, resolve};
-use super::{ImportError, json};
+use super::{ImportError, json, ktx2};
 use crate::document::Document;
 use crate::progress::Counter;
 use crate::scene::{Filter, Material, Texture, TextureSlot, Wrap};
@@ -129,10 +129,12 @@ impl TextureSlots {
     }
 }
 
-/// The image of a texture: WebP where it is offered, since that replaces the fallback.
+/// The image of a texture: PNG or JPEG where a file offers them, and else what stands in for them.
 fn image_of(texture: &Value) -> Option<usize> {
-    let webp = texture.get("extensions").and_then(|e| e.get("EXT_texture_webp")).and_then(|e| json::index(e, "source"));
-    webp.or_else(|| json::index(texture, "source"))
+    let alternative = |name| json::index(texture.get("extensions")?.get(name)?, "source");
+    json::index(texture, "source")
+        .or_else(|| alternative("EXT_texture_webp"))
+        .or_else(|| alternative("KHR_texture_basisu"))
 }
 
 fn wrap(mode: WrappingMode) -> Wrap {
@@ -165,17 +167,22 @@ fn decode(document: &Document, image: usize) -> Result<Texture, Warning> {
     };
 
     let bytes = encoded(document, raw, uri).map_err(|fault| warn("missing_texture", fault))?;
-    let mut reader = image::ImageReader::new(std::io::Cursor::new(&bytes))
-        .with_guessed_format()
-        .map_err(|e| warn("undecodable_image", e.to_string()))?;
+    let decoded = if ktx2::is_ktx2(&bytes) { ktx2::decode(&bytes, MAX_DECODED_BYTES) } else { decode_picture(&bytes) };
+    let (width, height, texels) =
+        decoded.map_err(|fault| warn("undecodable_image", format!("it cannot be decoded ({fault})")))?;
+    Ok(Texture { name: name.clone(), width, height, texels })
+}
+
+/// Width, height and texels of a PNG, JPEG or WebP file.
+fn decode_picture(bytes: &[u8]) -> Result<(u32, u32, Vec<[u8; 4]>), String> {
+    let mut reader =
+        image::ImageReader::new(std::io::Cursor::new(bytes)).with_guessed_format().map_err(|e| e.to_string())?;
     let mut limits = image::Limits::default();
     limits.max_alloc = Some(MAX_DECODED_BYTES);
     reader.limits(limits);
-    let pixels =
-        reader.decode().map_err(|e| warn("undecodable_image", format!("cannot be decoded ({e})")))?.into_rgba8();
+    let pixels = reader.decode().map_err(|e| e.to_string())?.into_rgba8();
     let (width, height) = pixels.dimensions();
-    let texels = pixels.as_raw().as_chunks::<4>().0.to_vec();
-    Ok(Texture { name: name.clone(), width, height, texels })
+    Ok((width, height, pixels.as_raw().as_chunks::<4>().0.to_vec()))
 }
 
 /// The bytes of an image file, wherever they are.

@@ -118,3 +118,65 @@ fn the_document_keeps_what_is_not_understood() {
     assert_eq!(imported.document.json, expected);
     assert_clean(&imported);
 }
+
+/// Eight by four texels, red left and blue right, as the Basis Universal encoder writes them in base64: UASTC in a
+/// Zstandard frame.
+const UASTC: &str = concat!(
+    "q0tUWCAyMLsNChoKAAAAAAEAAAAIAAAABAAAAAAAAAAAAAAAAQAAAAEAAAACAAAAaAAAACwAAACUAAAAJAAAAAAAAAAAAAAAAAAAAAAAAAC4AA",
+    "AAAAAAACYAAAAAAAAAIAAAAAAAAAAsAAAAAAAAAAIAKACmAQIAAwMAABAAAAAAAAAAAAB/AAAAAAAAAAAA/////x8AAABLVFh3cml0ZXIAQmFz",
+    "aXMgVW5pdmVyc2FsIDIuNTAAACi1L/0gIO0AALj3HwDgH3oAFwDg/x8C4AEAAAAAAAAAAAEABTAC",
+);
+
+/// The same as ETC1S.
+const ETC1S: &str = concat!(
+    "q0tUWCAyMLsNChoKAAAAAAEAAAAIAAAABAAAAAAAAAAAAAAAAQAAAAEAAAABAAAAaAAAACwAAACUAAAAJAAAALgAAAAAAAAAggAAAAAAAAA6AQ",
+    "AAAAAAAAEAAAAAAAAAAAAAAAAAAAAsAAAAAAAAAAIAKACjAQIAAwMAAAgAAAAAAAAAAAA/AAAAAAAAAAAA/////x8AAABLVFh3cml0ZXIAQmFz",
+    "aXMgVW5pdmVyc2FsIDIuNTAAAAIAAQAqAAAABQAAACsAAAAAAAAAAAAAAAAAAAABAAAAAAAAAAAAAAAgwEQAAAAAAADiRAQwEQAAAAAAgCQgAE",
+    "wACAAAAAAgBgATAAAAAAAACCasqqqqAgDBRAAAAAAAAPJfTQCYABAAAAAAQBQAJgAEAAAAABADgAkAAAAAAAAEEAAA",
+);
+
+#[test]
+fn basis_textures() {
+    for ktx2 in [UASTC, ETC1S] {
+        let mut asset = textured(json!({"uri": format!("data:image/ktx2;base64,{ktx2}")}));
+        asset.json["textures"][0] = json!({"sampler": 0, "extensions": {"KHR_texture_basisu": {"source": 0}}});
+        asset.json["extensionsRequired"] = json!(["KHR_texture_basisu"]);
+        check(&asset.imported());
+    }
+}
+
+#[test]
+fn damaged_basis_textures_never_panic() {
+    let damaged = |bytes: &[u8]| {
+        let asset = textured(json!({"uri": format!("data:image/ktx2;base64,{}", base64(bytes))}));
+        // Either the picture or a warning.
+        asset.imported();
+    };
+    for ktx2 in [UASTC, ETC1S] {
+        let data = decode_base64(ktx2);
+        for at in 12..data.len() {
+            for value in [0, 0xff] {
+                let mut bytes = data.clone();
+                bytes[at] = value;
+                damaged(&bytes);
+            }
+            damaged(&data[..at]);
+        }
+    }
+}
+
+/// The inverse of [`base64`], for sound text.
+fn decode_base64(text: &str) -> Vec<u8> {
+    let digit = |c: u8| match c {
+        b'A'..=b'Z' => c - b'A',
+        b'a'..=b'z' => c - b'a' + 26,
+        b'0'..=b'9' => c - b'0' + 52,
+        b'+' => 62,
+        _ => 63,
+    };
+    let padding = text.bytes().rev().take_while(|c| *c == b'=').count();
+    let words = text.as_bytes().chunks(4).map(|c| c.iter().fold(0u32, |w, c| w << 6 | u32::from(digit(*c) & 63)));
+    let mut bytes: Vec<u8> = words.flat_map(|w| [(w >> 16) as u8, (w >> 8) as u8, w as u8]).collect();
+    bytes.truncate(bytes.len() - padding);
+    bytes
+}

@@ -1,6 +1,7 @@
 //! Import of glTF: what real files may contain arrives in the scene, and what is wrong with them is said.
 
 mod bad_input;
+mod compressed;
 mod containers;
 mod fixture;
 mod geometry;

@@ -207,7 +207,7 @@ fn a_primitive_without_material_is_white() {
     let mut asset = Asset::triangle();
     asset.json["meshes"][0]["primitives"][0].as_object_mut().unwrap().remove("material");
     let imported = asset.imported();
-    warning(&imported, "no_material");
+    assert!(warning(&imported, "no_material").contains("`Triangle`"));
     assert_eq!(imported.scene.materials[0].source, None);
     near(reflectance(&imported, 0.0), Vec3::splat(MAX_REFLECTANCE));
 }
