@@ -12,15 +12,15 @@ use std::time::{Duration, Instant};
 /// The stages in order, and the share of a bake's time that each usually takes. Only the estimate of the time left
 /// depends on it, and less the longer the bake runs.
 const SHARES: [(Stage, f64); 9] = [
-    (Stage::Import, 0.02),
-    (Stage::Atlas, 0.15),
-    (Stage::Texels, 0.03),
-    (Stage::Accel, 0.02),
-    (Stage::Direct, 0.10),
-    (Stage::Solve, 0.15),
-    (Stage::Gather, 0.45),
-    (Stage::Post, 0.04),
-    (Stage::Output, 0.04),
+    (Stage::Import, 0.01),
+    (Stage::Atlas, 0.05),
+    (Stage::Texels, 0.06),
+    (Stage::Accel, 0.01),
+    (Stage::Direct, 0.15),
+    (Stage::Solve, 0.22),
+    (Stage::Gather, 0.46),
+    (Stage::Post, 0.02),
+    (Stage::Output, 0.02),
 ];
 
 /// Least time between two updates.

@@ -118,7 +118,10 @@ pub(crate) fn lit_square() -> SceneFile {
     let positions = file.floats("VEC3", &[[-0.5, 0.0, -0.5], [-0.5, 0.0, 0.5], [0.5, 0.0, 0.5], [0.5, 0.0, -0.5]]);
     let normals = file.floats("VEC3", &[[0.0, 1.0, 0.0]; 4]);
     let indices = file.indices(&[0, 1, 2, 0, 2, 3]);
-    let material = file.push("materials", json!({ "pbrMetallicRoughness": { "metallicFactor": 0.0 } }));
+    let material = file.push(
+        "materials",
+        json!({ "pbrMetallicRoughness": { "baseColorFactor": [0.5, 0.5, 0.5, 1.0], "metallicFactor": 0.0 } }),
+    );
     let mesh = json!({ "name": "square", "primitives": [
         { "attributes": { "POSITION": positions, "NORMAL": normals }, "indices": indices, "material": material }
     ] });
