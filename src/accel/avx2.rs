@@ -84,6 +84,22 @@ impl Kernel for Avx2 {
     }
 
     #[inline(always)]
+    fn prefetch(bvh: &Bvh8, child: Child) {
+        // SAFETY: prefetching has no effect on memory, whatever the address.
+        unsafe {
+            let address = if child.is_inner() {
+                bvh.nodes.as_ptr().cast::<i8>().wrapping_add(child.index() * size_of::<Node8>())
+            } else {
+                bvh.blocks.as_ptr().cast::<i8>().wrapping_add(child.index() * size_of::<Tri4>())
+            };
+            _mm_prefetch::<_MM_HINT_T0>(address);
+            _mm_prefetch::<_MM_HINT_T0>(address.wrapping_add(64));
+            _mm_prefetch::<_MM_HINT_T0>(address.wrapping_add(128));
+            _mm_prefetch::<_MM_HINT_T0>(address.wrapping_add(192));
+        }
+    }
+
+    #[inline(always)]
     fn triangles(ray: &Prepared, block: &Tri4, limit: f32) -> Option<BlockHits> {
         // SAFETY: the features are there, as above; rows are 16-byte aligned because blocks are.
         unsafe {

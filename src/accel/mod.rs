@@ -13,6 +13,7 @@ mod bounds;
 mod bvh8;
 mod collapse;
 mod offset;
+mod ploc;
 mod queries;
 mod sah;
 mod scalar;
@@ -54,6 +55,17 @@ pub struct Hit {
     pub normal: Vec3,
 }
 
+/// Builders.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Builder {
+    /// a
+    Sah,
+    /// b
+    Ploc,
+    /// c
+    SahReinsertion,
+}
+
 /// The instructions that queries use.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Instructions {
@@ -84,7 +96,12 @@ pub struct Accel<'a> {
 impl<'a> Accel<'a> {
     /// Builds the structure with all threads of the current pool.
     pub fn build(scene: &'a Scene) -> Self {
-        Self { scene, bvh: structure::build(scene), instructions: Instructions::detect() }
+        Self { scene, bvh: structure::build(scene, Builder::Sah), instructions: Instructions::detect() }
+    }
+
+    /// Builds with a builder.
+    pub fn build_with(scene: &'a Scene, builder: Builder) -> Self {
+        Self { scene, bvh: structure::build(scene, builder), instructions: Instructions::detect() }
     }
 
     /// The same structure, queried with portable instructions only. The answers are the same.

@@ -1,7 +1,7 @@
 //! Portable box and triangle tests.
 
-use super::bvh8::{Node8, Tri4};
-use super::traverse::{BlockHits, Kernel, RayFrame};
+use super::bvh8::{Child, Node8, Tri4};
+use super::traverse::{BlockHits, Bvh8, Kernel, RayFrame};
 
 /// Plain loops over the lanes.
 pub(super) struct Scalar;
@@ -65,6 +65,9 @@ impl Kernel for Scalar {
         }
         (0..8).fold(0, |mask, lane| mask | u32::from(near[lane] <= far[lane]) << lane)
     }
+
+    #[inline(always)]
+    fn prefetch(_: &Bvh8, _: Child) {}
 
     #[inline(always)]
     fn triangles(ray: &Prepared, block: &Tri4, limit: f32) -> Option<BlockHits> {

@@ -4,6 +4,7 @@ use super::alpha::alpha_test;
 use super::bounds::{Bounds, Reference};
 use super::bvh8::{AlphaTest, Child, MAX_INSTANCES, Node8, StoredTriangle, Tag, Tri4};
 use super::collapse::{Collapsed, Leaves, collapse};
+use super::{Builder, ploc};
 use super::sah::{self, Bvh2, Node2};
 use super::traverse::Bvh8;
 use crate::scene::Scene;
@@ -17,10 +18,10 @@ const LEAF_BLOCKS: usize = 2;
 const TREELET: usize = 1 << 14;
 
 /// Builds over every triangle that can stop a ray.
-pub(super) fn build(scene: &Scene) -> Bvh8 {
+pub(super) fn build(scene: &Scene, builder: Builder) -> Bvh8 {
     let triangles = WorldTriangles::new(scene);
     let mut references = triangles.references();
-    assemble(&mut references, &|id| triangles.stored(id))
+    assemble(&mut references, &|id| triangles.stored(id), builder)
 }
 
 /// The triangles of all casting instances, numbered through.
@@ -137,11 +138,27 @@ impl Leaves for TreeletLeaves<'_> {
 }
 
 /// Builds the hierarchy over `references`; `stored` gives the triangle of an id.
-fn assemble<S: Fn(u32) -> StoredTriangle + Sync>(references: &mut [Reference], stored: &S) -> Bvh8 {
+fn assemble<S: Fn(u32) -> StoredTriangle + Sync>(references: &mut Vec<Reference>, stored: &S, builder: Builder) -> Bvh8 {
     if references.is_empty() {
         return Bvh8 { nodes: Vec::new(), blocks: vec![Tri4::new([])], root: None };
     }
+    let ratio = std::env::var("RATIO").map_or(0.1, |s| s.parse().unwrap());
+    let full = match builder {
+        Builder::Sah => None,
+        Builder::Ploc => ploc::build(references),
+        Builder::SahReinsertion => {
+            let b = sah::build(references, 0, 1, 0);
+            ploc::optimise(&b, references, ratio)
+        }
+    };
+    if let Some(bvh) = full {
+        let mut leaves = BlockLeaves { references, first: 0, stored, blocks: vec![Tri4::new([])] };
+        let collapsed = collapse(&bvh, &mut leaves);
+        eprintln!("cost {}", collapsed.cost / bvh.nodes[0].bounds.half_area());
+        return Bvh8 { nodes: collapsed.nodes.iter().map(|n| Node8{child: n.child.map(|c| if c.is_inner()||c==Child::EMPTY {c} else {Child::leaf(c.index()-1, c.blocks())}), ..*n}).collect(), blocks: leaves.blocks, root: Some(collapsed.root) };
+    }
     let top = sah::build(references, 0, TREELET, 0);
+    let area = top.nodes[0].bounds.half_area();
     let treelets = treelets(&top, references, stored);
     let mut offsets = Vec::with_capacity(treelets.len());
     // Nodes of the top come first; a binary hierarchy of k leaves has at most k − 1 wide nodes.
@@ -154,6 +171,7 @@ fn assemble<S: Fn(u32) -> StoredTriangle + Sync>(references: &mut [Reference], s
     }
     let top = collapse(&top, &mut TreeletLeaves { treelets: &treelets, offsets: &offsets });
 
+    eprintln!("cost {}", top.cost / area);
     let mut nodes = Vec::with_capacity(node_count);
     nodes.extend_from_slice(&top.nodes);
     nodes.resize(top_room, Node8::EMPTY);

@@ -75,6 +75,8 @@ pub(super) trait Kernel {
     fn prepare(ray: &RayFrame) -> Self::Prepared;
     /// Lanes whose box the segment up to `limit` may meet, and the distances where it enters them.
     fn boxes(ray: &Self::Prepared, node: &Node8, limit: f32, near: &mut [f32; 8]) -> u32;
+    /// Starts loading what a child leads to.
+    fn prefetch(bvh: &Bvh8, child: Child);
     /// Triangles met within `t_min < t ≤ limit`.
     fn triangles(ray: &Self::Prepared, block: &Tri4, limit: f32) -> Option<BlockHits>;
 }
@@ -154,6 +156,7 @@ pub(super) fn traverse<K: Kernel, Q: Query>(bvh: &Bvh8, root: Child, frame: &Ray
             let lane = hits.trailing_zeros() as usize;
             hits &= hits - 1;
             child = node.child[lane];
+            K::prefetch(bvh, child);
             if hits == 0 {
                 continue;
             }
@@ -163,6 +166,7 @@ pub(super) fn traverse<K: Kernel, Q: Query>(bvh: &Bvh8, root: Child, frame: &Ray
                 let lane = hits.trailing_zeros() as usize;
                 hits &= hits - 1;
                 let mut entry = Entry { near: near[lane], child: node.child[lane] };
+                K::prefetch(bvh, entry.child);
                 if Q::ORDERED {
                     if entry.near < nearest.near {
                         std::mem::swap(&mut entry, &mut nearest);
