@@ -33,7 +33,8 @@ struct Candidate {
     instance: u32,
     triangle: u32,
     barycentric: Vec2,
-    normal: Vec3,
+    block: *const Tri4,
+    lane: usize,
 }
 
 impl<'a> Closest<'a> {
@@ -43,7 +44,9 @@ impl<'a> Closest<'a> {
 
     /// The answer.
     pub(super) fn hit(&self) -> Option<Hit> {
-        let Candidate { instance, triangle, barycentric, normal } = self.best?;
+        let Candidate { instance, triangle, barycentric, block, lane } = self.best?;
+        let winding = unsafe { &*block }.winding_normal(lane);
+        let normal = if unsafe { &*block }.tag[lane].flipped() { -winding } else { winding };
         Some(Hit { t: self.limit, instance, triangle, barycentric, normal: normal.normalize_or_zero() })
     }
 }
@@ -72,10 +75,8 @@ impl Query for Closest<'_> {
             if tag.masked() && !covers(self.scene, instance as usize, triangle as usize, barycentric) {
                 continue;
             }
-            let winding = block.winding_normal(lane);
-            let normal = if tag.flipped() { -winding } else { winding };
             self.limit = t;
-            self.best = Some(Candidate { instance, triangle, barycentric, normal });
+            self.best = Some(Candidate { instance, triangle, barycentric, block, lane });
         }
         false
     }

@@ -148,7 +148,8 @@ pub(super) fn traverse<K: Kernel, Q: Query>(bvh: &Bvh8, root: Child, frame: &Ray
     loop {
         // Go down to a leaf.
         while child.is_inner() {
-            let node = &bvh.nodes[child.index()];
+            // SAFETY: the builder only links nodes that exist.
+            let node = unsafe { bvh.nodes.get_unchecked(child.index()) };
             let mut hits = K::boxes(&ray, node, query.limit(), &mut near);
             if hits == 0 {
                 break;
@@ -175,23 +176,24 @@ pub(super) fn traverse<K: Kernel, Q: Query>(bvh: &Bvh8, root: Child, frame: &Ray
                     let mut at = height;
                     while at > base {
                         // SAFETY: entries from `base` to `height` have been written.
-                        let below = unsafe { stack[at - 1].assume_init() };
+                        let below = unsafe { stack.get_unchecked(at - 1).assume_init() };
                         if below.near >= entry.near {
                             break;
                         }
-                        stack[at] = MaybeUninit::new(below);
+                        unsafe { *stack.get_unchecked_mut(at) = MaybeUninit::new(below); }
                         at -= 1;
                     }
-                    stack[at] = MaybeUninit::new(entry);
+                    unsafe { *stack.get_unchecked_mut(at) = MaybeUninit::new(entry); }
                 } else {
-                    stack[height] = MaybeUninit::new(entry);
+                    unsafe { *stack.get_unchecked_mut(height) = MaybeUninit::new(entry); }
                 }
                 height += 1;
             }
             child = nearest.child;
         }
         if !child.is_inner() {
-            for block in &bvh.blocks[child.index()..][..child.blocks()] {
+            // SAFETY: the builder only links blocks that exist.
+            for block in unsafe { bvh.blocks.get_unchecked(child.index()..child.index() + child.blocks()) } {
                 if let Some(hits) = K::triangles(&ray, block, query.limit())
                     && query.hit(block, hits)
                 {
@@ -206,7 +208,7 @@ pub(super) fn traverse<K: Kernel, Q: Query>(bvh: &Bvh8, root: Child, frame: &Ray
             }
             height -= 1;
             // SAFETY: entries below `height` have been written.
-            let entry = unsafe { stack[height].assume_init() };
+            let entry = unsafe { stack.get_unchecked(height).assume_init() };
             if !Q::ORDERED || entry.near <= query.limit() {
                 child = entry.child;
                 break;
