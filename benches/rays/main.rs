@@ -151,8 +151,6 @@ fn main() {
     let accel = timed("default", || Accel::build(&scene));
     println!("{:12} {:.1} bytes per triangle", "", accel.size() as f64 / scene.triangle_count() as f64);
     let portable = timed("portable", || Accel::build(&scene).portable());
-    let ploc = timed("ploc", || Accel::build_with(&scene, lightkiln::accel::Builder::Ploc));
-    let reins = timed("sah+reins", || Accel::build_with(&scene, lightkiln::accel::Builder::SahReinsertion));
     #[cfg(feature = "embree")]
     let embree = timed("embree", || embree::Embree::build(&scene));
     let mut contenders = Vec::new();
@@ -161,7 +159,7 @@ fn main() {
         name: "embree",
         trace: Box::new(|set: &RaySet| count(set, |ray| embree.closest(ray).is_some(), |ray| embree.occluded(ray))),
     });
-    contenders.extend([ours("default", &accel), ours("ploc", &ploc), ours("reins", &reins)]);
+    contenders.extend([ours("default", &accel)]);
 
     let sets = ray_sets(&accel);
     print!("{:12}", "Mray/s");

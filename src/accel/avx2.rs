@@ -1,7 +1,7 @@
 //! Box and triangle tests with AVX2 and FMA.
 
-use super::bvh8::{Child, Node8, Tri4};
-use super::traverse::{BlockHits, Bvh8, Kernel, Query, RayFrame, traverse};
+use super::bvh8::{Bvh8, Child, Node8, Tri4};
+use super::traverse::{BlockHits, Kernel, Query, RayFrame, traverse};
 use glam::Vec3;
 use std::arch::x86_64::*;
 
@@ -18,7 +18,12 @@ pub(super) fn available() -> bool {
 /// # Safety
 /// [`available`] must hold.
 #[target_feature(enable = "avx2,fma")]
-pub(super) unsafe fn traverse_avx2<Q: Query>(bvh: &Bvh8, root: Child, frame: &RayFrame, query: &mut Q) -> bool {
+pub(super) unsafe fn traverse_avx2<'b, Q: Query<'b>>(
+    bvh: &'b Bvh8,
+    root: Child,
+    frame: &RayFrame,
+    query: &mut Q,
+) -> bool {
     traverse::<Avx2, Q>(bvh, root, frame, query)
 }
 
@@ -97,6 +102,12 @@ impl Kernel for Avx2 {
             _mm_prefetch::<_MM_HINT_T0>(address.wrapping_add(128));
             _mm_prefetch::<_MM_HINT_T0>(address.wrapping_add(192));
         }
+    }
+
+    #[inline(never)]
+    fn descend<'b, Q: Query<'b>>(bvh: &'b Bvh8, root: Child, frame: &RayFrame, query: &mut Q) -> bool {
+        // SAFETY: only traversals that have these features descend.
+        unsafe { traverse_avx2(bvh, root, frame, query) }
     }
 
     #[inline(always)]

@@ -1,7 +1,7 @@
 //! Portable box and triangle tests.
 
-use super::bvh8::{Child, Node8, Tri4};
-use super::traverse::{BlockHits, Bvh8, Kernel, RayFrame};
+use super::bvh8::{Bvh8, Child, Node8, Tri4};
+use super::traverse::{BlockHits, Kernel, Query, RayFrame, traverse};
 
 /// Plain loops over the lanes.
 pub(super) struct Scalar;
@@ -68,6 +68,11 @@ impl Kernel for Scalar {
 
     #[inline(always)]
     fn prefetch(_: &Bvh8, _: Child) {}
+
+    #[inline(never)]
+    fn descend<'b, Q: Query<'b>>(bvh: &'b Bvh8, root: Child, frame: &RayFrame, query: &mut Q) -> bool {
+        traverse::<Self, Q>(bvh, root, frame, query)
+    }
 
     #[inline(always)]
     fn triangles(ray: &Prepared, block: &Tri4, limit: f32) -> Option<BlockHits> {
