@@ -5,8 +5,7 @@ use crate::scene::{AlphaMode, Rgb, Scene};
 use glam::{Vec2, Vec4};
 
 /// How rays must treat a triangle, none if it is transparent everywhere.
-pub(super) fn alpha_test(scene: &Scene, instance: usize, triangle: usize) -> Option<AlphaTest> {
-    let mesh = scene.instances[instance].mesh;
+pub(super) fn alpha_test(scene: &Scene, mesh: usize, triangle: usize) -> Option<AlphaTest> {
     let material = scene.material_of(mesh, triangle);
     let varies = material.base_color_texture.is_some() || !scene.meshes[mesh].colors.is_empty();
     match material.alpha_mode {
@@ -19,9 +18,8 @@ pub(super) fn alpha_test(scene: &Scene, instance: usize, triangle: usize) -> Opt
     }
 }
 
-/// Base colour (linear) and alpha at a point of a triangle: factor × texture × vertex colour, whatever the alpha mode.
-pub fn base_color_at(scene: &Scene, instance: usize, triangle: usize, barycentric: Vec2) -> Vec4 {
-    let mesh = scene.instances[instance].mesh;
+/// Base colour (linear) and alpha at a point of a triangle of mesh `mesh`: factor × texture × vertex colour, whatever the alpha mode.
+pub fn base_color_at(scene: &Scene, mesh: usize, triangle: usize, barycentric: Vec2) -> Vec4 {
     let material = scene.material_of(mesh, triangle);
     let geometry = &scene.meshes[mesh];
     let mut color = material.base_color.extend(material.alpha);
@@ -38,9 +36,9 @@ pub fn base_color_at(scene: &Scene, instance: usize, triangle: usize, barycentri
 }
 
 /// True if a masked surface is there at that point.
-pub(super) fn covers(scene: &Scene, instance: usize, triangle: usize, barycentric: Vec2) -> bool {
-    match scene.material_of(scene.instances[instance].mesh, triangle).alpha_mode {
-        AlphaMode::Mask(cutoff) => base_color_at(scene, instance, triangle, barycentric).w >= cutoff,
+pub(super) fn covers(scene: &Scene, mesh: usize, triangle: usize, barycentric: Vec2) -> bool {
+    match scene.material_of(mesh, triangle).alpha_mode {
+        AlphaMode::Mask(cutoff) => base_color_at(scene, mesh, triangle, barycentric).w >= cutoff,
         AlphaMode::Opaque | AlphaMode::Blend => true,
     }
 }

@@ -1,7 +1,7 @@
 //! Box and triangle tests with AVX2 and FMA.
 
-use super::bvh8::{Child, Node8, Tri4};
-use super::traverse::{BlockHits, Bvh8, Kernel, Query, RayFrame, traverse};
+use super::bvh8::{Bvh8, Child, Node8, Tri4};
+use super::traverse::{BlockHits, Kernel, Query, RayFrame, traverse};
 use glam::Vec3;
 use std::arch::x86_64::*;
 
@@ -18,7 +18,12 @@ pub(super) fn available() -> bool {
 /// # Safety
 /// [`available`] must hold.
 #[target_feature(enable = "avx2,fma")]
-pub(super) unsafe fn traverse_avx2<Q: Query>(bvh: &Bvh8, root: Child, frame: &RayFrame, query: &mut Q) -> bool {
+pub(super) unsafe fn traverse_avx2<'b, Q: Query<'b>>(
+    bvh: &'b Bvh8,
+    root: Child,
+    frame: &RayFrame,
+    query: &mut Q,
+) -> bool {
     traverse::<Avx2, Q>(bvh, root, frame, query)
 }
 
@@ -81,6 +86,28 @@ impl Kernel for Avx2 {
             _mm256_storeu_ps(near.as_mut_ptr(), first);
             _mm256_movemask_ps(_mm256_cmp_ps::<_CMP_LE_OQ>(first, last)) as u32
         }
+    }
+
+    #[inline(always)]
+    fn prefetch(bvh: &Bvh8, child: Child) {
+        // SAFETY: prefetching has no effect on memory, whatever the address.
+        unsafe {
+            let address = if child.is_inner() {
+                bvh.nodes.as_ptr().cast::<i8>().wrapping_add(child.index() * size_of::<Node8>())
+            } else {
+                bvh.blocks.as_ptr().cast::<i8>().wrapping_add(child.index() * size_of::<Tri4>())
+            };
+            _mm_prefetch::<_MM_HINT_T0>(address);
+            _mm_prefetch::<_MM_HINT_T0>(address.wrapping_add(64));
+            _mm_prefetch::<_MM_HINT_T0>(address.wrapping_add(128));
+            _mm_prefetch::<_MM_HINT_T0>(address.wrapping_add(192));
+        }
+    }
+
+    #[inline(never)]
+    fn descend<'b, Q: Query<'b>>(bvh: &'b Bvh8, root: Child, frame: &RayFrame, query: &mut Q) -> bool {
+        // SAFETY: only traversals that have these features descend.
+        unsafe { traverse_avx2(bvh, root, frame, query) }
     }
 
     #[inline(always)]

@@ -46,6 +46,11 @@ impl Bounds {
         Self { min: self.min - pad, max: self.max + pad }
     }
 
+    /// False for empty boxes too.
+    pub(super) fn is_finite(&self) -> bool {
+        self.min.truncate().is_finite() && self.max.truncate().is_finite()
+    }
+
     /// The eight corners.
     pub(super) fn corners(&self) -> [Vec3; 8] {
         std::array::from_fn(|i| {

@@ -1,6 +1,79 @@
-//! The wide hierarchy that rays traverse: nodes of eight boxes and blocks of four triangles, laid out for SIMD.
+//! The wide hierarchy that rays traverse: nodes of eight boxes and blocks of four triangles, laid out for SIMD, and
+//! instances of structures in other spaces.
 
-use glam::Vec3;
+use super::bounds::Bounds;
+use glam::{Affine3A, Vec3};
+use std::hash::{DefaultHasher, Hash, Hasher};
+
+/// Arrays that a traversal reads.
+pub(super) struct Bvh8 {
+    pub(super) nodes: Vec<Node8>,
+    /// The first block is empty.
+    pub(super) blocks: Vec<Tri4>,
+    pub(super) placed: Vec<Placed>,
+    /// Where traversal starts, none if there is nothing.
+    pub(super) root: Option<Child>,
+}
+
+/// An instance of a mesh with a structure of its own.
+pub(super) struct Placed {
+    /// World space to the mesh's.
+    pub(super) to_local: Affine3A,
+    pub(super) root: Child,
+    /// Index of the scene's instance.
+    pub(super) instance: u32,
+}
+
+impl Bvh8 {
+    /// No arrays at all.
+    pub(super) const EMPTY: Self = Self { nodes: Vec::new(), blocks: Vec::new(), placed: Vec::new(), root: None };
+
+    /// Adds arrays whose indices start from zero, and from one for blocks. Returns how far children that point into them
+    /// have to be shifted.
+    pub(super) fn append(&mut self, nodes: Vec<Node8>, blocks: impl Iterator<Item = Tri4>) -> Shift {
+        let shift = Shift { nodes: self.nodes.len(), blocks: self.blocks.len() - 1 };
+        self.nodes.extend(nodes.into_iter().map(|n| Node8 { child: n.child.map(|c| c.shifted(shift)), ..n }));
+        self.blocks.extend(blocks);
+        assert!(self.blocks.len() <= MAX_BLOCKS, "more blocks than indices");
+        shift
+    }
+
+    /// Boxes that together hold everything.
+    pub(super) fn outer_boxes(&self) -> Vec<Bounds> {
+        match self.root {
+            Some(root) if root.is_inner() => self.nodes[root.index()].boxes(),
+            _ => self.blocks.iter().map(Tri4::bounds).collect(),
+        }
+    }
+
+    /// Memory of the arrays, bytes.
+    pub(super) fn size(&self) -> usize {
+        size_of_val(&self.nodes[..]) + size_of_val(&self.blocks[..]) + size_of_val(&self.placed[..])
+    }
+
+    /// Hash of everything stored.
+    pub(super) fn digest(&self) -> u64 {
+        let mut hasher = DefaultHasher::new();
+        for node in &self.nodes {
+            node.planes.as_flattened().iter().for_each(|x| x.to_bits().hash(&mut hasher));
+            node.child.iter().for_each(|c| c.0.hash(&mut hasher));
+        }
+        for block in &self.blocks {
+            let corners = block.corners.as_flattened().as_flattened();
+            corners.iter().for_each(|x| x.to_bits().hash(&mut hasher));
+            block.triangle.hash(&mut hasher);
+        }
+        self.placed.iter().for_each(|p| (p.instance, p.root.0).hash(&mut hasher));
+        hasher.finish()
+    }
+}
+
+/// How far nodes and blocks have moved up.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Shift {
+    nodes: usize,
+    blocks: usize,
+}
 
 /// Up to eight children: boxes as six rows (min x, y, z, max x, y, z), one lane per child. Unused lanes are never hit.
 #[repr(C, align(32))]
@@ -16,6 +89,25 @@ impl Node8 {
         let (low, high) = ([f32::INFINITY; 8], [f32::NEG_INFINITY; 8]);
         Self { planes: [low, low, low, high, high, high], child: [Child::EMPTY; 8] }
     };
+
+    /// The node of up to eight children.
+    pub(super) fn new(children: &[(Child, Bounds)]) -> Self {
+        let mut node = Self::EMPTY;
+        for (lane, (child, Bounds { min, max })) in children.iter().enumerate() {
+            node.child[lane] = *child;
+            for axis in 0..3 {
+                node.planes[axis][lane] = min[axis];
+                node.planes[axis + 3][lane] = max[axis];
+            }
+        }
+        node
+    }
+
+    /// Boxes of the children, and empty ones.
+    fn boxes(&self) -> Vec<Bounds> {
+        let corner = |row: usize, lane: usize| Vec3::from_array([0, 1, 2].map(|axis| self.planes[row + axis][lane]));
+        (0..8).map(|lane| Bounds { min: corner(0, lane).extend(0.0), max: corner(3, lane).extend(0.0) }).collect()
+    }
 }
 
 /// What a lane of a node leads to, in 32 bits.
@@ -76,14 +168,14 @@ impl Child {
         if self.is_inner() { self.0 as usize } else { (self.0 & INDEX_MASK) as usize }
     }
 
-    /// The child after its targets have moved up by so many places.
-    pub(super) fn shifted(self, nodes: usize, blocks: usize) -> Self {
+    /// The child after its targets have moved.
+    pub(super) fn shifted(self, shift: Shift) -> Self {
         if self.is_inner() {
-            Self::inner(self.index() + nodes)
+            Self::inner(self.index() + shift.nodes)
         } else if self.is_instance() || self == Self::EMPTY {
             self
         } else {
-            Self::leaf(self.index() + blocks, self.blocks())
+            Self::leaf(self.index() + shift.blocks, self.blocks())
         }
     }
 }
@@ -180,9 +272,19 @@ impl Tri4 {
         block
     }
 
+    /// Box of the triangles.
+    fn bounds(&self) -> Bounds {
+        let points = (0..Self::LANES).flat_map(|lane| self.corners_of(lane)).filter(|p| p.is_finite());
+        Bounds::of_points(points)
+    }
+
+    fn corners_of(&self, lane: usize) -> [Vec3; 3] {
+        self.corners.map(|rows| Vec3::from_array(rows.map(|row| row[lane])))
+    }
+
     /// Unnormalised normal of the winding, `(b − a) × (c − a)`.
     pub(super) fn winding_normal(&self, lane: usize) -> Vec3 {
-        let [a, b, c] = self.corners.map(|rows| Vec3::from_array(rows.map(|row| row[lane])));
+        let [a, b, c] = self.corners_of(lane);
         (b - a).cross(c - a)
     }
 }

@@ -10,119 +10,145 @@ use super::sah::{Bvh2, Node2};
 /// Expected cost of testing a node's eight boxes. The costs of leaves are relative to it.
 const NODE_COST: f32 = 1.0;
 /// Children of a node.
-const WIDTH: usize = 8;
+pub(super) const WIDTH: usize = 8;
 
-/// What the collapse must know of leaves.
+/// Least area-weighted costs of a subtree that may use 1..8 slots of its parent: entry `i` is for `i + 1` slots.
+pub(super) type Costs = [f32; WIDTH - 1];
+
+/// A child and its box.
+pub(super) type Root = (Child, Bounds);
+
+/// What the collapse must know of the leaves of the wide hierarchy.
 pub(super) trait Leaves {
-    /// Cost of meeting the node's references as one leaf, weighted with the node's area; infinite if they cannot be one.
-    fn cost(&self, node: &Node2) -> f32;
-    /// Stores the leaf.
-    fn emit(&mut self, node: &Node2) -> Child;
+    /// Costs of making one leaf of everything below the node, whose references start at `first`; infinite if it cannot be
+    /// one.
+    fn costs(&self, node: &Node2, first: usize) -> Costs;
+    /// Stores the leaf as at most `slots` children.
+    fn emit(&mut self, node: &Node2, first: usize, slots: usize, roots: &mut Vec<Root>);
 }
 
-/// Result of a collapse.
-pub(super) struct Collapsed {
-    /// In depth-first order; empty if the root is a leaf.
-    pub(super) nodes: Vec<Node8>,
-    /// The root.
-    pub(super) root: Child,
-    /// Area-weighted cost of the whole.
-    pub(super) cost: f32,
+/// Which subtrees become leaves, and how every inner node shares its slots out.
+pub(super) struct Plan {
+    /// Costs of the whole hierarchy.
+    pub(super) costs: Costs,
+    choices: Vec<Choice>,
 }
 
-/// Least costs of a subtree that may use 1..8 slots of its parent: entry `i` is for `i + 1` slots.
-type Costs = [f32; WIDTH - 1];
+/// The left child's share of `slots` slots in four bits each, for 2 to 8 slots; zero is "use one slot less". The lowest four
+/// bits are one if a single slot is best used by a leaf.
+#[derive(Clone, Copy)]
+struct Choice(u32);
 
-struct Collapse<'a, L> {
+impl Choice {
+    const INNER: Self = Self(0);
+    const LEAF: Self = Self(1);
+
+    fn share(self, slots: usize) -> usize {
+        (self.0 >> (4 * (slots - 1)) & 7) as usize
+    }
+
+    fn with_share(self, slots: usize, share: usize) -> Self {
+        Self(self.0 | (share as u32) << (4 * (slots - 1)))
+    }
+
+    fn is_leaf(self) -> bool {
+        self.0 & 1 == 1
+    }
+}
+
+/// Finds the cheapest collapse of a hierarchy that is not empty.
+pub(super) fn plan(bvh: &Bvh2, leaves: &impl Leaves) -> Plan {
+    let mut choices = vec![Choice::LEAF; bvh.nodes.len()];
+    let costs = plan_subtree(bvh, leaves, 0, 0, &mut choices);
+    Plan { costs, choices }
+}
+
+fn plan_subtree(bvh: &Bvh2, leaves: &impl Leaves, index: usize, first: usize, choices: &mut [Choice]) -> Costs {
+    let node = &bvh.nodes[index];
+    let leaf = leaves.costs(node, first);
+    let Some(right) = node.right() else { return leaf };
+    let middle = first + bvh.nodes[index + 1].count();
+    let left = plan_subtree(bvh, leaves, index + 1, first, choices);
+    let right = plan_subtree(bvh, leaves, right, middle, choices);
+
+    let (cost, share) = distribute(&left, &right, WIDTH);
+    let inner = cost + node.bounds().half_area() * NODE_COST;
+    let mut choice = if leaf[0] <= inner { Choice::LEAF } else { Choice::INNER }.with_share(WIDTH, share);
+    let mut costs = [leaf[0].min(inner); WIDTH - 1];
+    for slots in 2..WIDTH {
+        let (cost, share) = distribute(&left, &right, slots);
+        costs[slots - 1] = costs[slots - 2];
+        if cost < costs[slots - 2] {
+            costs[slots - 1] = cost;
+            choice = choice.with_share(slots, share);
+        }
+    }
+    choices[index] = choice;
+    costs
+}
+
+/// Least cost of two siblings within `slots` slots, and the left one's share.
+fn distribute(left: &Costs, right: &Costs, slots: usize) -> (f32, usize) {
+    let mut best = (f32::INFINITY, 1);
+    for share in 1..slots {
+        let cost = left[share - 1] + right[slots - share - 1];
+        if cost < best.0 {
+            best = (cost, share);
+        }
+    }
+    best
+}
+
+/// Collapses the hierarchy as planned into at most `slots` children; `nodes` receives the nodes below them.
+pub(super) fn emit<L: Leaves>(bvh: &Bvh2, plan: &Plan, slots: usize, leaves: &mut L, nodes: &mut Vec<Node8>) -> Vec<Root> {
+    let mut roots = Vec::with_capacity(slots);
+    Emission { bvh, plan, leaves, nodes }.roots(0, 0, slots, &mut roots);
+    roots
+}
+
+struct Emission<'a, L> {
     bvh: &'a Bvh2,
-    costs: Vec<Costs>,
-    nodes: Vec<Node8>,
+    plan: &'a Plan,
     leaves: &'a mut L,
+    nodes: &'a mut Vec<Node8>,
 }
 
-/// Collapses a hierarchy that is not empty.
-pub(super) fn collapse<L: Leaves>(bvh: &Bvh2, leaves: &mut L) -> Collapsed {
-    let mut collapse = Collapse { bvh, costs: vec![[0.0; WIDTH - 1]; bvh.nodes.len()], nodes: Vec::new(), leaves };
-    for index in (0..bvh.nodes.len()).rev() {
-        collapse.costs[index] = collapse.node_costs(index);
-    }
-    let cost = collapse.costs[0][0];
-    let root = collapse.emit(0);
-    Collapsed { nodes: collapse.nodes, root, cost }
-}
-
-impl<L: Leaves> Collapse<'_, L> {
-    /// Costs of node `index`, given those of its children.
-    fn node_costs(&self, index: usize) -> Costs {
-        let node = &self.bvh.nodes[index];
-        let leaf = self.leaves.cost(node);
-        if node.right == 0 {
-            return [leaf; WIDTH - 1];
-        }
-        let mut costs = [0.0; WIDTH - 1];
-        costs[0] = leaf.min(self.inner_cost(index));
-        for slots in 2..WIDTH {
-            costs[slots - 1] = costs[slots - 2].min(self.distribute(index, slots).0);
-        }
-        costs
-    }
-
-    /// Cost of the subtree as an inner node.
-    fn inner_cost(&self, index: usize) -> f32 {
-        self.distribute(index, WIDTH).0 + self.bvh.nodes[index].bounds.half_area() * NODE_COST
-    }
-
-    /// Least cost of both children within `slots` slots, and the left child's share.
-    fn distribute(&self, index: usize, slots: usize) -> (f32, usize) {
-        let (left, right) = (&self.costs[index + 1], &self.costs[self.bvh.nodes[index].right as usize]);
-        let mut best = (f32::INFINITY, 1);
-        for share in 1..slots {
-            let cost = left[share - 1] + right[slots - share - 1];
-            if cost < best.0 {
-                best = (cost, share);
+impl<L: Leaves> Emission<'_, L> {
+    /// Collapses the subtree at `index`, whose references start at `first`, into at most `slots` children.
+    fn roots(&mut self, index: usize, first: usize, slots: usize, roots: &mut Vec<Root>) {
+        let node = self.bvh.nodes[index];
+        let choice = self.plan.choices[index];
+        if node.right().is_none() {
+            self.leaves.emit(&node, first, slots, roots);
+        } else if slots == 1 && choice.is_leaf() {
+            self.leaves.emit(&node, first, 1, roots);
+        } else if slots == 1 {
+            roots.push((self.node(index, first), node.bounds()));
+        } else {
+            match choice.share(slots) {
+                0 => self.roots(index, first, slots - 1, roots),
+                share => self.children(index, first, share, slots - share, roots),
             }
         }
-        best
     }
 
-    /// Stores the subtree as one child.
-    fn emit(&mut self, index: usize) -> Child {
-        let node = &self.bvh.nodes[index];
-        if node.right == 0 || self.leaves.cost(node) <= self.inner_cost(index) {
-            return self.leaves.emit(node);
+    /// Collapses the children of the node at `index` into at most so many children each.
+    fn children(&mut self, index: usize, first: usize, left: usize, right: usize, roots: &mut Vec<Root>) {
+        self.roots(index + 1, first, left, roots);
+        if let Some(right_index) = self.bvh.nodes[index].right() {
+            let middle = first + self.bvh.nodes[index + 1].count();
+            self.roots(right_index, middle, right, roots);
         }
-        let mut roots = Vec::with_capacity(WIDTH);
-        let share = self.distribute(index, WIDTH).1;
-        self.roots(index + 1, share, &mut roots);
-        self.roots(node.right as usize, WIDTH - share, &mut roots);
+    }
 
+    /// Stores a wide node for the subtree at `index`.
+    fn node(&mut self, index: usize, first: usize) -> Child {
         let at = self.nodes.len();
         self.nodes.push(Node8::EMPTY);
-        for (lane, &root) in roots.iter().enumerate() {
-            let child = self.emit(root);
-            let Bounds { min, max } = self.bvh.nodes[root].bounds;
-            let wide = &mut self.nodes[at];
-            wide.child[lane] = child;
-            for axis in 0..3 {
-                wide.planes[axis][lane] = min[axis];
-                wide.planes[axis + 3][lane] = max[axis];
-            }
-        }
+        let share = self.plan.choices[index].share(WIDTH);
+        let mut children = Vec::with_capacity(WIDTH);
+        self.children(index, first, share, WIDTH - share, &mut children);
+        self.nodes[at] = Node8::new(&children);
         Child::inner(at)
-    }
-
-    /// The subtrees that take the `slots` slots given to node `index`.
-    fn roots(&self, index: usize, slots: usize, roots: &mut Vec<usize>) {
-        if slots == 1 || self.bvh.nodes[index].right == 0 {
-            roots.push(index);
-            return;
-        }
-        let (cost, share) = self.distribute(index, slots);
-        if self.costs[index][slots - 2] <= cost {
-            self.roots(index, slots - 1, roots);
-        } else {
-            self.roots(index + 1, share, roots);
-            self.roots(self.bvh.nodes[index].right as usize, slots - share, roots);
-        }
     }
 }

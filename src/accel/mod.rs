@@ -7,12 +7,14 @@
 //! Ray/Triangle Intersection", 2013; Ize, "Robust BVH Ray Traversal", 2013.
 
 mod alpha;
+mod assemble;
 #[cfg(target_arch = "x86_64")]
 mod avx2;
 mod bounds;
 mod bvh8;
 mod collapse;
 mod offset;
+mod pages;
 mod queries;
 mod sah;
 mod scalar;
@@ -24,7 +26,8 @@ pub use offset::offset_origin;
 
 use crate::scene::{Rgb, Scene};
 use glam::{Vec2, Vec3};
-use traverse::{Bvh8, Query, RayFrame};
+use bvh8::Bvh8;
+use traverse::{Query, RayFrame};
 
 /// A ray segment `origin + t·direction`, `t_min < t < t_max`. A ray that is not finite, or has no direction, meets nothing.
 #[derive(Clone, Copy, Debug)]
@@ -52,6 +55,20 @@ pub struct Hit {
     pub barycentric: Vec2,
     /// Unit geometric normal of the front face.
     pub normal: Vec3,
+}
+
+/// How the structure is built.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct AccelSettings {
+    /// A mesh is built once and shared by its instances, rather than copied for each of them, where that saves more than
+    /// this many triangles (about 70 bytes each). Rays are faster without sharing.
+    pub sharing_saves: usize,
+}
+
+impl Default for AccelSettings {
+    fn default() -> Self {
+        Self { sharing_saves: 1 << 17 }
+    }
 }
 
 /// The instructions that queries use.
@@ -84,7 +101,13 @@ pub struct Accel<'a> {
 impl<'a> Accel<'a> {
     /// Builds the structure with all threads of the current pool.
     pub fn build(scene: &'a Scene) -> Self {
-        Self { scene, bvh: structure::build(scene), instructions: Instructions::detect() }
+        Self::build_with(scene, &AccelSettings::default())
+    }
+
+    /// Builds with other than the default settings.
+    pub fn build_with(scene: &'a Scene, settings: &AccelSettings) -> Self {
+        let bvh = structure::build(scene, settings.sharing_saves);
+        Self { scene, bvh, instructions: Instructions::detect() }
     }
 
     /// The same structure, queried with portable instructions only. The answers are the same.
@@ -111,7 +134,7 @@ impl<'a> Accel<'a> {
     pub fn closest(&self, ray: &Ray) -> Option<Hit> {
         let mut query = queries::Closest::new(self.scene, ray);
         self.ask(ray, &mut query);
-        query.hit()
+        query.result()
     }
 
     /// True if anything lies on the segment. Blended surfaces count as solid; see [`Self::transmittance`].
@@ -129,7 +152,7 @@ impl<'a> Accel<'a> {
 
     /// Traverses; true if the query ended it.
     #[inline(always)]
-    fn ask<Q: Query>(&self, ray: &Ray, query: &mut Q) -> bool {
+    fn ask<'b, Q: Query<'b>>(&'b self, ray: &Ray, query: &mut Q) -> bool {
         let (Some(root), Some(frame)) = (self.bvh.root, RayFrame::new(ray)) else { return false };
         match self.instructions {
             // SAFETY: `Instructions::detect` has found these instructions.

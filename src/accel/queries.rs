@@ -1,18 +1,19 @@
 //! What is asked of a ray: the nearest hit, any hit, or the light that passes.
 
 use super::alpha::{base_color_at, covers, transmitted};
-use super::bvh8::Tri4;
+use super::bvh8::{Placed, Tri4};
 use super::traverse::{BlockHits, Query};
 use super::{Hit, Ray};
 use crate::scene::{Rgb, Scene};
-use glam::{Vec2, Vec3};
+use glam::{Vec2, Vec3, Vec3A};
 
 /// Lanes of a mask, from the lowest.
+#[inline(always)]
 fn lanes(mut mask: u32) -> impl Iterator<Item = usize> {
     std::iter::from_fn(move || {
         let lane = mask.trailing_zeros() as usize;
         mask &= mask.wrapping_sub(1);
-        (lane < u32::BITS as usize).then_some(lane)
+        (lane < Tri4::LANES).then_some(lane)
     })
 }
 
@@ -21,34 +22,70 @@ fn last_distance(ray: &Ray) -> f32 {
     ray.t_max.next_down()
 }
 
+/// A hit triangle where it is stored.
+#[derive(Clone, Copy)]
+struct Stored<'a> {
+    placed: Option<&'a Placed>,
+    block: &'a Tri4,
+    lane: usize,
+}
+
+impl Stored<'_> {
+    /// Scene instance and triangle, which also rank hits at equal distance.
+    fn id(&self) -> (u32, u32) {
+        let instance = self.placed.map_or(self.block.tag[self.lane].instance(), |p| p.instance);
+        (instance, self.block.triangle[self.lane])
+    }
+
+    /// Unit normal of the front face, in the world.
+    fn normal(&self) -> Vec3 {
+        let winding = self.block.winding_normal(self.lane);
+        let normal = match self.placed {
+            // Cofactors carry normals; they differ from the transposed inverse by the determinant, whose sign is that of
+            // the winding, so that the front stays in front.
+            Some(placed) => Vec3::from(placed.to_local.matrix3.transpose() * Vec3A::from(winding)),
+            None if self.block.tag[self.lane].flipped() => -winding,
+            None => winding,
+        };
+        normal.normalize_or_zero()
+    }
+
+    /// False in a hole.
+    #[inline(always)]
+    fn is_solid(&self, scene: &Scene, barycentric: Vec2) -> bool {
+        !self.block.tag[self.lane].masked() || self.is_covered(scene, barycentric)
+    }
+
+    #[cold]
+    #[inline(never)]
+    fn is_covered(&self, scene: &Scene, barycentric: Vec2) -> bool {
+        let (instance, triangle) = self.id();
+        covers(scene, scene.instances[instance as usize].mesh, triangle as usize, barycentric)
+    }
+}
+
 /// Nearest hit; of several at one distance that of the lowest instance and triangle, whatever the traversal's order.
 pub(super) struct Closest<'a> {
     scene: &'a Scene,
     limit: f32,
-    best: Option<Candidate>,
-}
-
-#[derive(Clone, Copy)]
-struct Candidate {
-    instance: u32,
-    triangle: u32,
-    barycentric: Vec2,
-    normal: Vec3,
+    placed: Option<&'a Placed>,
+    best: Option<(Stored<'a>, Vec2)>,
 }
 
 impl<'a> Closest<'a> {
     pub(super) fn new(scene: &'a Scene, ray: &Ray) -> Self {
-        Self { scene, limit: last_distance(ray), best: None }
+        Self { scene, limit: last_distance(ray), placed: None, best: None }
     }
 
     /// The answer.
-    pub(super) fn hit(&self) -> Option<Hit> {
-        let Candidate { instance, triangle, barycentric, normal } = self.best?;
-        Some(Hit { t: self.limit, instance, triangle, barycentric, normal: normal.normalize_or_zero() })
+    pub(super) fn result(&self) -> Option<Hit> {
+        let (stored, barycentric) = self.best?;
+        let (instance, triangle) = stored.id();
+        Some(Hit { t: self.limit, instance, triangle, barycentric, normal: stored.normal() })
     }
 }
 
-impl Query for Closest<'_> {
+impl<'a> Query<'a> for Closest<'a> {
     const ORDERED: bool = true;
 
     #[inline(always)]
@@ -57,25 +94,24 @@ impl Query for Closest<'_> {
     }
 
     #[inline(always)]
-    fn hit(&mut self, block: &Tri4, hits: BlockHits) -> bool {
+    fn enter(&mut self, placed: Option<&'a Placed>) {
+        self.placed = placed;
+    }
+
+    #[inline(always)]
+    fn hit(&mut self, block: &'a Tri4, hits: BlockHits) -> bool {
         for lane in lanes(hits.mask) {
-            let (t, tag) = (hits.t[lane], block.tag[lane]);
-            let (instance, triangle) = (tag.instance(), block.triangle[lane]);
-            if t > self.limit {
-                continue;
-            }
-            let later = |best: Candidate| (best.instance, best.triangle) <= (instance, triangle);
-            if t == self.limit && self.best.is_some_and(later) {
+            let t = hits.t[lane];
+            let stored = Stored { placed: self.placed, block, lane };
+            let ranks_behind = |(best, _): (Stored, Vec2)| t == self.limit && best.id() <= stored.id();
+            if t > self.limit || self.best.is_some_and(ranks_behind) {
                 continue;
             }
             let barycentric = Vec2::new(hits.v[lane], hits.w[lane]);
-            if tag.masked() && !covers(self.scene, instance as usize, triangle as usize, barycentric) {
-                continue;
+            if stored.is_solid(self.scene, barycentric) {
+                self.limit = t;
+                self.best = Some((stored, barycentric));
             }
-            let winding = block.winding_normal(lane);
-            let normal = if tag.flipped() { -winding } else { winding };
-            self.limit = t;
-            self.best = Some(Candidate { instance, triangle, barycentric, normal });
         }
         false
     }
@@ -85,15 +121,16 @@ impl Query for Closest<'_> {
 pub(super) struct Occluded<'a> {
     scene: &'a Scene,
     limit: f32,
+    placed: Option<&'a Placed>,
 }
 
 impl<'a> Occluded<'a> {
     pub(super) fn new(scene: &'a Scene, ray: &Ray) -> Self {
-        Self { scene, limit: last_distance(ray) }
+        Self { scene, limit: last_distance(ray), placed: None }
     }
 }
 
-impl Query for Occluded<'_> {
+impl<'a> Query<'a> for Occluded<'a> {
     const ORDERED: bool = false;
 
     #[inline(always)]
@@ -102,19 +139,27 @@ impl Query for Occluded<'_> {
     }
 
     #[inline(always)]
-    fn hit(&mut self, block: &Tri4, hits: BlockHits) -> bool {
+    fn enter(&mut self, placed: Option<&'a Placed>) {
+        self.placed = placed;
+    }
+
+    #[inline(always)]
+    fn hit(&mut self, block: &'a Tri4, hits: BlockHits) -> bool {
         lanes(hits.mask).any(|lane| {
-            let tag = block.tag[lane];
-            let barycentric = Vec2::new(hits.v[lane], hits.w[lane]);
-            !tag.masked() || covers(self.scene, tag.instance() as usize, block.triangle[lane] as usize, barycentric)
+            let stored = Stored { placed: self.placed, block, lane };
+            stored.is_solid(self.scene, Vec2::new(hits.v[lane], hits.w[lane]))
         })
     }
 }
+
+/// How many hits on edges are remembered; more than one at a time are pending only where surfaces nearly touch.
+const EDGES: usize = 4;
 
 /// Product of what all surfaces on the segment let through.
 pub(super) struct Transmittance<'a> {
     scene: &'a Scene,
     limit: f32,
+    placed: Option<&'a Placed>,
     /// The product so far.
     pub(super) product: Rgb,
     /// Instance and distance of the latest hits on edges, in turn.
@@ -122,12 +167,10 @@ pub(super) struct Transmittance<'a> {
     edge_count: usize,
 }
 
-/// How many hits on edges are remembered; more than one at a time are pending only where surfaces nearly touch.
-const EDGES: usize = 4;
-
 impl<'a> Transmittance<'a> {
     pub(super) fn new(scene: &'a Scene, ray: &Ray) -> Self {
-        Self { scene, limit: last_distance(ray), product: Rgb::ONE, edges: [(0, f32::NAN); EDGES], edge_count: 0 }
+        let edges = [(0, f32::NAN); EDGES];
+        Self { scene, limit: last_distance(ray), placed: None, product: Rgb::ONE, edges, edge_count: 0 }
     }
 
     /// True if an edge was hit there before. A ray through an edge meets both triangles that share it, but one surface.
@@ -146,7 +189,7 @@ impl<'a> Transmittance<'a> {
     }
 }
 
-impl Query for Transmittance<'_> {
+impl<'a> Query<'a> for Transmittance<'a> {
     const ORDERED: bool = false;
 
     #[inline(always)]
@@ -155,17 +198,25 @@ impl Query for Transmittance<'_> {
     }
 
     #[inline(always)]
-    fn hit(&mut self, block: &Tri4, hits: BlockHits) -> bool {
+    fn enter(&mut self, placed: Option<&'a Placed>) {
+        self.placed = placed;
+    }
+
+    #[inline(always)]
+    fn hit(&mut self, block: &'a Tri4, hits: BlockHits) -> bool {
         for lane in lanes(hits.mask) {
-            let (tag, triangle) = (block.tag[lane], block.triangle[lane] as usize);
-            let instance = tag.instance() as usize;
+            let stored = Stored { placed: self.placed, block, lane };
             let barycentric = Vec2::new(hits.v[lane], hits.w[lane]);
-            if tag.blended() {
-                if !self.repeats_edge(tag.instance(), hits.t[lane], barycentric) {
-                    self.product *= transmitted(base_color_at(self.scene, instance, triangle, barycentric));
+            if !block.tag[lane].blended() {
+                if stored.is_solid(self.scene, barycentric) {
+                    self.product = Rgb::ZERO;
                 }
-            } else if !tag.masked() || covers(self.scene, instance, triangle, barycentric) {
-                self.product = Rgb::ZERO;
+                continue;
+            }
+            let (instance, triangle) = stored.id();
+            if !self.repeats_edge(instance, hits.t[lane], barycentric) {
+                let mesh = self.scene.instances[instance as usize].mesh;
+                self.product *= transmitted(base_color_at(self.scene, mesh, triangle as usize, barycentric));
             }
         }
         self.product == Rgb::ZERO

@@ -12,14 +12,39 @@ pub(super) struct Bvh2 {
     pub(super) nodes: Vec<Node2>,
 }
 
-/// A node over the references `first .. first + count`.
+/// A node over a run of references, in 32 bytes: the fourth lane of `min` is the index of the right child, that of `max` the
+/// length of the run. The run starts where that of the left sibling ends.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Node2 {
-    pub(super) bounds: Bounds,
-    pub(super) first: u32,
-    pub(super) count: u32,
-    /// Index of the right child, zero for a leaf.
-    pub(super) right: u32,
+    min: Vec4,
+    max: Vec4,
+}
+
+impl Node2 {
+    /// A node without children, over `count` references.
+    fn leaf(bounds: Bounds, count: usize) -> Self {
+        let with = |v: Vec4, lane: u32| v.truncate().extend(f32::from_bits(lane));
+        Self { min: with(bounds.min, 0), max: with(bounds.max, count as u32) }
+    }
+
+    pub(super) fn bounds(&self) -> Bounds {
+        Bounds { min: self.min, max: self.max }
+    }
+
+    /// Number of references.
+    pub(super) fn count(&self) -> usize {
+        self.max.w.to_bits() as usize
+    }
+
+    /// Index of the right child, none for a leaf.
+    pub(super) fn right(&self) -> Option<usize> {
+        let lane = self.min.w.to_bits();
+        (lane != 0).then_some(lane as usize)
+    }
+
+    fn set_right(&mut self, right: usize) {
+        self.min.w = f32::from_bits(right as u32);
+    }
 }
 
 /// Nodes deeper than this are halved by count, which bounds the depth of every hierarchy by `MAX_DEPTH`.
@@ -33,44 +58,46 @@ const INSTANCE_WEIGHT: u32 = 32;
 /// Ranges from this size on are binned by all threads.
 const PARALLEL_BINNING: usize = 1 << 16;
 /// Ranges from this size on are built as tasks of their own.
-const PARALLEL_SUBTREE: usize = 1 << 11;
+const PARALLEL_SUBTREE: usize = 1 << 13;
 
-/// Builds down to ranges of at most `leaf_size` references, or more where nothing tells them apart.
-/// `first` is the index that the nodes give to `references[0]`, `depth` that of the root.
-pub(super) fn build(references: &mut [Reference], first: usize, leaf_size: usize, depth: usize) -> Bvh2 {
-    if references.is_empty() {
-        return Bvh2 { nodes: Vec::new() };
-    }
+/// Builds down to ranges of at most `leaf_size` references. `depth` is that of the root. Empty without references.
+pub(super) fn build(references: &mut [Reference], leaf_size: usize, depth: usize) -> Bvh2 {
     let mut nodes = Vec::new();
-    subdivide(references, first, leaf_size, depth, &mut nodes);
+    if !references.is_empty() {
+        subdivide(references, leaf_size, depth, &mut nodes);
+    }
     Bvh2 { nodes }
 }
 
-fn subdivide(references: &mut [Reference], first: usize, leaf_size: usize, depth: usize, nodes: &mut Vec<Node2>) {
+fn subdivide(references: &mut [Reference], leaf_size: usize, depth: usize, nodes: &mut Vec<Node2>) {
     let (bounds, centres) = extent(references);
     let at = nodes.len();
-    nodes.push(Node2 { bounds, first: first as u32, count: references.len() as u32, right: 0 });
+    nodes.push(Node2::leaf(bounds, references.len()));
     if references.len() <= leaf_size {
         return;
     }
     let middle = split(references, centres, depth);
     let (left, right) = references.split_at_mut(middle);
-    if left.len() + right.len() >= PARALLEL_SUBTREE {
-        let mut right_nodes = Vec::new();
-        rayon::join(
-            || subdivide(left, first, leaf_size, depth + 1, nodes),
-            || subdivide(right, first + middle, leaf_size, depth + 1, &mut right_nodes),
-        );
-        let base = nodes.len() as u32;
-        nodes[at].right = base;
-        nodes.extend(
-            right_nodes.into_iter().map(|n| Node2 { right: if n.right == 0 { 0 } else { n.right + base }, ..n }),
-        );
-    } else {
-        subdivide(left, first, leaf_size, depth + 1, nodes);
-        nodes[at].right = nodes.len() as u32;
-        subdivide(right, first + middle, leaf_size, depth + 1, nodes);
+    if left.len() + right.len() < PARALLEL_SUBTREE {
+        subdivide(left, leaf_size, depth + 1, nodes);
+        let right_at = nodes.len();
+        nodes[at].set_right(right_at);
+        subdivide(right, leaf_size, depth + 1, nodes);
+        return;
     }
+    let mut right_nodes = Vec::new();
+    rayon::join(
+        || subdivide(left, leaf_size, depth + 1, nodes),
+        || subdivide(right, leaf_size, depth + 1, &mut right_nodes),
+    );
+    let base = nodes.len();
+    nodes[at].set_right(base);
+    nodes.extend(right_nodes.into_iter().map(|mut node| {
+        if let Some(right) = node.right() {
+            node.set_right(base + right);
+        }
+        node
+    }));
 }
 
 /// Box of the references and box of their doubled centres.

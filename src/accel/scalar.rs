@@ -1,7 +1,7 @@
 //! Portable box and triangle tests.
 
-use super::bvh8::{Node8, Tri4};
-use super::traverse::{BlockHits, Kernel, RayFrame};
+use super::bvh8::{Bvh8, Child, Node8, Tri4};
+use super::traverse::{BlockHits, Kernel, Query, RayFrame, traverse};
 
 /// Plain loops over the lanes.
 pub(super) struct Scalar;
@@ -64,6 +64,14 @@ impl Kernel for Scalar {
             }
         }
         (0..8).fold(0, |mask, lane| mask | u32::from(near[lane] <= far[lane]) << lane)
+    }
+
+    #[inline(always)]
+    fn prefetch(_: &Bvh8, _: Child) {}
+
+    #[inline(never)]
+    fn descend<'b, Q: Query<'b>>(bvh: &'b Bvh8, root: Child, frame: &RayFrame, query: &mut Q) -> bool {
+        traverse::<Self, Q>(bvh, root, frame, query)
     }
 
     #[inline(always)]

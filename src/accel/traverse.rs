@@ -1,10 +1,9 @@
 //! Traversal of the wide hierarchy, generic over what is asked ([`Query`]) and over the instruction set ([`Kernel`]).
 
 use super::Ray;
-use super::bvh8::{Child, Node8, Tri4};
+use super::bvh8::{Bvh8, Child, Node8, Placed, Tri4};
 use super::sah::MAX_DEPTH;
 use glam::Vec3;
-use std::hash::{DefaultHasher, Hash, Hasher};
 use std::mem::MaybeUninit;
 
 /// Every level leaves at most seven siblings behind.
@@ -14,35 +13,6 @@ const STACK: usize = 7 * MAX_DEPTH + 1;
 const SMALLEST_SLOPE: f32 = 1e-12;
 /// Relative error that the box test allows for, more than that of its arithmetic.
 const SLACK: f32 = 4.0 * f32::EPSILON;
-
-/// Arrays that a traversal reads.
-pub(super) struct Bvh8 {
-    pub(super) nodes: Vec<Node8>,
-    pub(super) blocks: Vec<Tri4>,
-    pub(super) root: Option<Child>,
-}
-
-impl Bvh8 {
-    /// Memory of the arrays, bytes.
-    pub(super) fn size(&self) -> usize {
-        size_of_val(&self.nodes[..]) + size_of_val(&self.blocks[..])
-    }
-
-    /// Hash of everything stored.
-    pub(super) fn digest(&self) -> u64 {
-        let mut hasher = DefaultHasher::new();
-        for node in &self.nodes {
-            node.planes.as_flattened().iter().for_each(|x| x.to_bits().hash(&mut hasher));
-            node.child.iter().for_each(|c| c.0.hash(&mut hasher));
-        }
-        for block in &self.blocks {
-            let corners = block.corners.as_flattened().as_flattened();
-            corners.iter().for_each(|x| x.to_bits().hash(&mut hasher));
-            block.triangle.hash(&mut hasher);
-        }
-        hasher.finish()
-    }
-}
 
 /// Where a ray meets up to four triangles of a block.
 pub(super) struct BlockHits {
@@ -57,13 +27,15 @@ pub(super) struct BlockHits {
 }
 
 /// What is asked about a ray.
-pub(super) trait Query {
+pub(super) trait Query<'b> {
     /// True if nearer boxes are to be visited first.
     const ORDERED: bool;
     /// Distances beyond this do not matter any more; the limit itself still does.
     fn limit(&self) -> f32;
+    /// The hits that follow are in this instance, or, with none, in the world.
+    fn enter(&mut self, placed: Option<&'b Placed>);
     /// Takes notice of hits; true ends the traversal.
-    fn hit(&mut self, block: &Tri4, hits: BlockHits) -> bool;
+    fn hit(&mut self, block: &'b Tri4, hits: BlockHits) -> bool;
 }
 
 /// Box and triangle tests of an instruction set. All kernels give the same triangle hits, bit by bit; box tests may
@@ -75,6 +47,10 @@ pub(super) trait Kernel {
     fn prepare(ray: &RayFrame) -> Self::Prepared;
     /// Lanes whose box the segment up to `limit` may meet, and the distances where it enters them.
     fn boxes(ray: &Self::Prepared, node: &Node8, limit: f32, near: &mut [f32; 8]) -> u32;
+    /// Starts loading what a child leads to.
+    fn prefetch(bvh: &Bvh8, child: Child);
+    /// [`traverse`] with this kernel, not inlined: the way into instances.
+    fn descend<'b, Q: Query<'b>>(bvh: &'b Bvh8, root: Child, frame: &RayFrame, query: &mut Q) -> bool;
     /// Triangles met within `t_min < t ≤ limit`.
     fn triangles(ray: &Self::Prepared, block: &Tri4, limit: f32) -> Option<BlockHits>;
 }
@@ -82,6 +58,7 @@ pub(super) trait Kernel {
 /// A ray with all that the tests derive from it.
 pub(super) struct RayFrame {
     pub(super) origin: Vec3,
+    direction: Vec3,
     pub(super) t_min: f32,
     /// Reciprocal direction.
     pub(super) reciprocal: Vec3,
@@ -99,10 +76,20 @@ impl RayFrame {
     /// None if the ray cannot meet anything: not finite, no direction, or an empty segment.
     #[inline(always)]
     pub(super) fn new(ray: &Ray) -> Option<Self> {
-        let (o, d) = (ray.origin, ray.direction);
+        if ray.t_min < ray.t_max { Self::of_line(ray.origin, ray.direction, ray.t_min) } else { None }
+    }
+
+    /// The same ray in the space of an instance. Distances stay those of the world.
+    fn within(&self, placed: &Placed) -> Option<Self> {
+        let to_local = &placed.to_local;
+        Self::of_line(to_local.transform_point3(self.origin), to_local.transform_vector3(self.direction), self.t_min)
+    }
+
+    #[inline(always)]
+    fn of_line(o: Vec3, d: Vec3, t_min: f32) -> Option<Self> {
         let size = d.abs();
         let largest = size.max_element();
-        if !(o.is_finite() && d.is_finite() && largest > 0.0 && ray.t_min < ray.t_max) {
+        if !(o.is_finite() && d.is_finite() && largest > 0.0) {
             return None;
         }
         let z = if size.z == largest {
@@ -118,7 +105,8 @@ impl RayFrame {
         let reciprocal = Vec3::new(slope(d.x), slope(d.y), slope(d.z)).recip();
         Some(Self {
             origin: o,
-            t_min: ray.t_min,
+            direction: d,
+            t_min,
             reciprocal,
             slack: reciprocal.abs() * (o.abs().max_element() * SLACK),
             relative_slack: SLACK,
@@ -137,7 +125,12 @@ struct Entry {
 
 /// Visits everything along the ray until `query` has enough; true if it ended the traversal.
 #[inline(always)]
-pub(super) fn traverse<K: Kernel, Q: Query>(bvh: &Bvh8, root: Child, frame: &RayFrame, query: &mut Q) -> bool {
+pub(super) fn traverse<'b, K: Kernel, Q: Query<'b>>(
+    bvh: &'b Bvh8,
+    root: Child,
+    frame: &RayFrame,
+    query: &mut Q,
+) -> bool {
     let ray = K::prepare(frame);
     let mut stack = [MaybeUninit::<Entry>::uninit(); STACK];
     let mut height = 0;
@@ -146,7 +139,8 @@ pub(super) fn traverse<K: Kernel, Q: Query>(bvh: &Bvh8, root: Child, frame: &Ray
     loop {
         // Go down to a leaf.
         while child.is_inner() {
-            let node = &bvh.nodes[child.index()];
+            // SAFETY: the builder only links nodes that exist.
+            let node = unsafe { bvh.nodes.get_unchecked(child.index()) };
             let mut hits = K::boxes(&ray, node, query.limit(), &mut near);
             if hits == 0 {
                 break;
@@ -154,6 +148,7 @@ pub(super) fn traverse<K: Kernel, Q: Query>(bvh: &Bvh8, root: Child, frame: &Ray
             let lane = hits.trailing_zeros() as usize;
             hits &= hits - 1;
             child = node.child[lane];
+            K::prefetch(bvh, child);
             if hits == 0 {
                 continue;
             }
@@ -163,6 +158,7 @@ pub(super) fn traverse<K: Kernel, Q: Query>(bvh: &Bvh8, root: Child, frame: &Ray
                 let lane = hits.trailing_zeros() as usize;
                 hits &= hits - 1;
                 let mut entry = Entry { near: near[lane], child: node.child[lane] };
+                K::prefetch(bvh, entry.child);
                 if Q::ORDERED {
                     if entry.near < nearest.near {
                         std::mem::swap(&mut entry, &mut nearest);
@@ -171,23 +167,28 @@ pub(super) fn traverse<K: Kernel, Q: Query>(bvh: &Bvh8, root: Child, frame: &Ray
                     let mut at = height;
                     while at > base {
                         // SAFETY: entries from `base` to `height` have been written.
-                        let below = unsafe { stack[at - 1].assume_init() };
+                        let below = unsafe { stack.get_unchecked(at - 1).assume_init() };
                         if below.near >= entry.near {
                             break;
                         }
-                        stack[at] = MaybeUninit::new(below);
+                        unsafe { *stack.get_unchecked_mut(at) = MaybeUninit::new(below); }
                         at -= 1;
                     }
-                    stack[at] = MaybeUninit::new(entry);
+                    unsafe { *stack.get_unchecked_mut(at) = MaybeUninit::new(entry); }
                 } else {
-                    stack[height] = MaybeUninit::new(entry);
+                    unsafe { *stack.get_unchecked_mut(height) = MaybeUninit::new(entry); }
                 }
                 height += 1;
             }
             child = nearest.child;
         }
-        if !child.is_inner() {
-            for block in &bvh.blocks[child.index()..][..child.blocks()] {
+        if child.is_instance() {
+            if visit_instance::<K, Q>(bvh, child, frame, query) {
+                return true;
+            }
+        } else if !child.is_inner() {
+            // SAFETY: the builder only links blocks that exist.
+            for block in unsafe { bvh.blocks.get_unchecked(child.index()..child.index() + child.blocks()) } {
                 if let Some(hits) = K::triangles(&ray, block, query.limit())
                     && query.hit(block, hits)
                 {
@@ -202,11 +203,22 @@ pub(super) fn traverse<K: Kernel, Q: Query>(bvh: &Bvh8, root: Child, frame: &Ray
             }
             height -= 1;
             // SAFETY: entries below `height` have been written.
-            let entry = unsafe { stack[height].assume_init() };
+            let entry = unsafe { stack.get_unchecked(height).assume_init() };
             if !Q::ORDERED || entry.near <= query.limit() {
                 child = entry.child;
                 break;
             }
         }
     }
+}
+
+/// Traverses the structure of an instance; true if the query ended it.
+#[inline(always)]
+fn visit_instance<'b, K: Kernel, Q: Query<'b>>(bvh: &'b Bvh8, child: Child, frame: &RayFrame, query: &mut Q) -> bool {
+    let placed = &bvh.placed[child.index()];
+    let Some(local) = frame.within(placed) else { return false };
+    query.enter(Some(placed));
+    let ended = K::descend(bvh, placed.root, &local, query);
+    query.enter(None);
+    ended
 }

@@ -21,6 +21,8 @@ const SPACING: u32 = 16;
 const CURVATURE: f32 = 0.06;
 /// Share of the difference between corners that may be curvature.
 const BEND: f32 = 0.08;
+/// A cell whose corners were foretold exactly still is this share as bad as its surroundings suggest.
+const TRUST: f32 = 0.15;
 /// Cosine of the largest angle between a texel's normal and the one interpolated for it.
 const COS_NORMAL: f32 = 0.99;
 
@@ -289,9 +291,15 @@ impl State<'_> {
                 })
                 .fold(0.0, f32::max);
             // Halving a cell quarters its curvature; what was foretold well needs no further cut.
-            expected = expected.min(0.5 * miss);
+            expected = expected.min((0.5 * miss).max(TRUST * expected));
         }
         if expected > tolerance {
+            return false;
+        }
+        // What something stands on shares no light with what lies around.
+        let covered = self.footprint.covered();
+        let first = covered[corners[0] as usize];
+        if corners.iter().chain(owned.iter().map(|(t, _)| t)).any(|&t| covered[t as usize] != first) {
             return false;
         }
         // Folds and steps in the surface show in normals and positions before they show in light.

@@ -17,6 +17,10 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 /// Texels per parallel task.
 const CHUNK: usize = 1024;
+/// Texel widths within which a lamp's irradiance bends inside a texel.
+const NEAR: f32 = 6.0;
+/// Points of a texel that is near a lamp.
+const NEAR_SAMPLES: u32 = 32;
 
 /// How many shadow rays are cast.
 #[derive(Clone, Copy, Debug)]
@@ -163,8 +167,7 @@ pub fn texel_direct(
             let mut cast = 0;
             for (i, e) in out.iter_mut().enumerate() {
                 let texel = (chunk * CHUNK + i) as u32;
-                let centre = footprint.centre(texel);
-                let free = lamps.lamps[lamp].unoccluded(centre.position, centre.shading_normal);
+                let free = unoccluded(&lamps.lamps[lamp], texels, footprint, texel);
                 if free.max_element() <= 0.0 && first[texel as usize].seen() == Seen::Never {
                     continue;
                 }
@@ -183,6 +186,18 @@ pub fn texel_direct(
         })?;
     }
     Ok((irradiance, rays.into_inner()))
+}
+
+/// Irradiance from an unblocked lamp: at the texel's centre, or averaged over the texel where the lamp is so close that
+/// this differs.
+fn unoccluded(lamp: &Lamp, texels: &Texels, footprint: &Footprint, texel: u32) -> Rgb {
+    let at = |p: SurfacePoint| lamp.unoccluded(p.position, p.shading_normal);
+    let centre = footprint.centre(texel);
+    if lamp.distance(centre.position) > NEAR * texels.area[texel as usize].sqrt() {
+        return at(centre);
+    }
+    let sequence = Sequence::new(hash2(texel, 0x0ea7));
+    (0..NEAR_SAMPLES).map(|i| at(footprint.point(texel, sequence.first(i)))).sum::<Rgb>() / NEAR_SAMPLES as f32
 }
 
 /// True if a neighbour on the same chart sees the lamp differently.

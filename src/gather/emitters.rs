@@ -119,5 +119,8 @@ fn group(mut triangles: Vec<EmitterTriangle>, lamps: &mut Vec<Lamp>) {
         sum += t.area * t.radiance.max_element();
         t.cumulative = sum / total;
     }
-    lamps.push(Lamp { shape: Shape::Triangles(triangles), casts_shadows: true });
+    let corners = || triangles.iter().flat_map(|t| t.corners);
+    let (low, high) = (corners().fold(Vec3::INFINITY, Vec3::min), corners().fold(Vec3::NEG_INFINITY, Vec3::max));
+    let (centre, radius) = ((low + high) * 0.5, low.distance(high) * 0.5);
+    lamps.push(Lamp { shape: Shape::Triangles { triangles, centre, radius }, casts_shadows: true });
 }

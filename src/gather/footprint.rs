@@ -22,6 +22,8 @@ pub struct Footprint<'a> {
     cells: Vec<u16>,
     /// Texels that lie wholly inside other geometry.
     hidden: Vec<bool>,
+    /// Texels that something stands on.
+    covered: Vec<bool>,
 }
 
 impl<'a> Footprint<'a> {
@@ -33,7 +35,7 @@ impl<'a> Footprint<'a> {
         progress: &dyn Progress,
     ) -> Result<Self, Cancelled> {
         let scene = accel.scene();
-        let hideable = has_solids(scene) && std::env::var_os("NOHIDE").is_none();
+        let hideable = has_solids(scene);
         let mut cells = vec![0u16; texels.len()];
         let mut hidden = vec![false; texels.len()];
         cells.par_chunks_mut(CHUNK).zip(hidden.par_chunks_mut(CHUNK)).enumerate().try_for_each(
@@ -51,12 +53,18 @@ impl<'a> Footprint<'a> {
                 if progress.is_cancelled() { Err(Cancelled) } else { Ok(()) }
             },
         )?;
-        Ok(Self { scene, atlas, texels, cells, hidden })
+        let covered = (0..texels.len() as u32).into_par_iter().map(|t| is_covered(accel, texels, t)).collect();
+        Ok(Self { scene, atlas, texels, cells, hidden, covered })
     }
 
     /// True if all of the texel lies inside other geometry.
     pub fn is_hidden(&self, texel: u32) -> bool {
         self.hidden[texel as usize]
+    }
+
+    /// Per texel: true if something stands on it, so that it shares no light with what lies around.
+    pub fn covered(&self) -> &[bool] {
+        &self.covered
     }
 
     /// A point of the texel's usable part from `u` in the unit square; uniform over it.
@@ -126,6 +134,16 @@ fn free_cells(accel: &Accel, atlas: &Atlas, texels: &Texels, texel: u32, covered
             point.is_none_or(|p| !is_inside(accel, p.position, p.geometric_normal))
         })
         .fold(0, |mask, bit| mask | 1 << bit)
+}
+
+/// True if what lies straight above the texel is a back face, or closer than the texel is wide.
+fn is_covered(accel: &Accel, texels: &Texels, texel: u32) -> bool {
+    let t = texel as usize;
+    let direction = texels.geometric_normal[t];
+    let origin = offset_origin(texels.position[t], direction);
+    accel
+        .closest(&Ray { origin, direction, t_min: 0.0, t_max: f32::INFINITY })
+        .is_some_and(|hit| hit.normal.dot(direction) > 0.0 || hit.t < texels.area[t].sqrt())
 }
 
 /// True if another surface crosses the texel: something lies within a texel's reach across the surface.

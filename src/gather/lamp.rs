@@ -70,7 +70,14 @@ pub enum Shape {
         irradiance: Rgb,
     },
     /// Emissive triangles.
-    Triangles(Vec<EmitterTriangle>),
+    Triangles {
+        /// The triangles.
+        triangles: Vec<EmitterTriangle>,
+        /// Centre of a sphere around them.
+        centre: Vec3,
+        /// Its radius.
+        radius: f32,
+    },
 }
 
 /// A triangle of an emissive surface.
@@ -150,6 +157,16 @@ impl Lamp {
         Self { shape, casts_shadows: light.casts_shadows }
     }
 
+    /// A lower bound of the distance from `p` to the lamp, metres.
+    pub fn distance(&self, p: Vec3) -> f32 {
+        match &self.shape {
+            Shape::Polygon { centre, half, .. } => p.distance(*centre) - half[0].length().hypot(half[1].length()),
+            Shape::Sphere { centre, radius, .. } => p.distance(*centre) - radius,
+            Shape::Sun { .. } => f32::INFINITY,
+            Shape::Triangles { centre, radius, .. } => p.distance(*centre) - radius,
+        }
+    }
+
     /// Irradiance at a point with unit normal `n` if nothing blocks, W/m².
     pub fn unoccluded(&self, p: Vec3, n: Vec3) -> Rgb {
         match &self.shape {
@@ -182,7 +199,7 @@ impl Lamp {
                     *irradiance * n.dot(*direction).max(0.0)
                 }
             }
-            Shape::Triangles(triangles) => triangles.iter().map(|t| t.unoccluded(p, n)).sum(),
+            Shape::Triangles { triangles, .. } => triangles.iter().map(|t| t.unoccluded(p, n)).sum(),
         }
     }
 
@@ -207,7 +224,7 @@ impl Lamp {
                 let direction = cap_direction(*direction, *sine, u);
                 LampSample { direction, distance: f32::INFINITY, weight: *irradiance }
             }
-            Shape::Triangles(triangles) => {
+            Shape::Triangles { triangles, .. } => {
                 let i = triangles.partition_point(|t| t.cumulative <= u.x).min(triangles.len() - 1);
                 let t = &triangles[i];
                 let below = if i == 0 { 0.0 } else { triangles[i - 1].cumulative };

@@ -14,8 +14,14 @@ const MAX_PATCH_LEVEL: u32 = 6;
 pub struct Surfels<'a> {
     /// The lightmap's texels.
     pub texels: &'a Texels,
+    /// Per texel: true if something stands on it.
+    covered: &'a [bool],
     patches: Patches,
 }
+
+/// What is left of the area of a surfel that something stands on: it neither sees nor is seen, but it must not vanish
+/// from an element that has no other.
+const COVERED: f32 = 1e-3;
 
 /// Pieces of the triangles of instances without a lightmap. Structure of arrays.
 #[derive(Default)]
@@ -48,8 +54,9 @@ pub struct Surface {
 }
 
 impl<'a> Surfels<'a> {
-    /// Collects texels, and patches no larger than the scene's extent over 64 along an edge.
-    pub fn new(scene: &Scene, atlas: &Atlas, texels: &'a Texels) -> Self {
+    /// Collects texels, and patches no larger than the scene's extent over 64 along an edge. `covered` marks texels
+    /// that something stands on.
+    pub fn new(scene: &Scene, atlas: &Atlas, texels: &'a Texels, covered: &'a [bool]) -> Self {
         let mut patches = Patches { triangles: vec![Vec::new(); scene.instances.len()], ..Patches::default() };
         let target = extent(scene) / 64.0;
         for (instance, layout) in atlas.layouts.iter().enumerate() {
@@ -57,7 +64,7 @@ impl<'a> Surfels<'a> {
                 patches.add_instance(scene, instance, target);
             }
         }
-        Self { texels, patches }
+        Self { texels, covered, patches }
     }
 
     /// Number of surfels.
@@ -98,9 +105,10 @@ impl<'a> Surfels<'a> {
         self.pick(s, |t, i| t.geometric_normal[i], |p, i| p.normal[i])
     }
 
-    /// Area in m².
+    /// Area that takes part in the exchange of light, m².
     pub fn area(&self, s: u32) -> f32 {
-        self.pick(s, |t, i| t.area[i], |p, i| p.area[i])
+        let texel = |t: &Texels, i: usize| if self.covered[i] { COVERED * t.area[i] } else { t.area[i] };
+        self.pick(s, texel, |p, i| p.area[i])
     }
 
     /// Diffuse reflectance.
