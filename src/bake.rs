@@ -1,6 +1,8 @@
 //! The order of the stages: scene file and settings → results on the disk.
 
 mod light;
+
+pub use light::{Counts, light};
 mod results;
 
 use crate::atlas::{self, AtlasError};
@@ -86,7 +88,7 @@ pub fn bake(path: &Path, settings: &Settings, progress: &dyn Progress) -> Result
     imported.warnings.extend(faults);
     let texels = clock.measure(Stage::Texels, || atlas::rasterise(scene, &atlas, progress))?;
 
-    let (mut lightmap, counts) = light::light(scene, &atlas, &texels, settings.error, &mut clock, progress)?;
+    let (mut lightmap, counts) = light(scene, &atlas, &texels, settings.error, &mut clock, progress)?;
     let irradiance = clock.measure(Stage::Post, || {
         post::fill_unusable(&atlas, &texels, &mut lightmap.combined, &lightmap.usable);
         post::finish(&atlas, &texels, scene, &lightmap.combined, &settings.post, progress)

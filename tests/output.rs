@@ -63,8 +63,7 @@ fn rich_scene(folder: &Path) -> SceneFile {
     let fan = json!({
         "attributes": { "POSITION": file.floats("VEC3", &FAN) }, "targets": [target], "mode": 6
     });
-    let line =
-        json!({ "attributes": { "POSITION": file.floats("VEC3", &STRIP) }, "targets": [target], "mode": 1 });
+    let line = json!({ "attributes": { "POSITION": file.floats("VEC3", &STRIP) }, "targets": [target], "mode": 1 });
     let mesh = file.push("meshes", json!({ "name": "rich", "primitives": [strip, fan, line] }));
     file.push_root(json!({ "name": "first", "mesh": mesh, "extras": { "id": 1 } }));
     file.push_root(

@@ -89,9 +89,7 @@ fn railing(m: &mut Mesh, foot: Vec3, span: f32) {
     for bar in 0..14 {
         let x = span * bar as f32 / 14.0;
         let lean = if bar % 2 == 0 { 0.3 } else { -0.3 };
-        sheet(m, 6, 1, |u, v| {
-            foot + Vec3::new(x + v * lean + 0.02 * (u * TAU).cos(), v, 0.02 * (u * TAU).sin())
-        });
+        sheet(m, 6, 1, |u, v| foot + Vec3::new(x + v * lean + 0.02 * (u * TAU).cos(), v, 0.02 * (u * TAU).sin()));
     }
     sheet(m, 6, 1, |u, v| foot + Vec3::new(span * v, 1.0 + 0.04 * (u * TAU).cos(), 0.04 * (u * TAU).sin()));
 }

@@ -70,9 +70,8 @@ fn ray_sets(accel: &Accel) -> Vec<RaySet> {
     };
     let pairs = (0..RAYS).map(|i| between(point(i), sources[i % sources.len()].0)).collect();
     // Eight neighbours look at eight points of one small patch.
-    let tiles = (0..RAYS)
-        .map(|i| between(point(i), sources[i / 8 % sources.len()].0 + 0.1 * random.sphere()))
-        .collect();
+    let tiles =
+        (0..RAYS).map(|i| between(point(i), sources[i / 8 % sources.len()].0 + 0.1 * random.sphere())).collect();
     vec![
         RaySet { name: "primary", any: false, rays: primary },
         RaySet { name: "bounce", any: false, rays: bounce },

@@ -100,7 +100,13 @@ fn distribute(left: &Costs, right: &Costs, slots: usize) -> (f32, usize) {
 }
 
 /// Collapses the hierarchy as planned into at most `slots` children; `nodes` receives the nodes below them.
-pub(super) fn emit<L: Leaves>(bvh: &Bvh2, plan: &Plan, slots: usize, leaves: &mut L, nodes: &mut Vec<Node8>) -> Vec<Root> {
+pub(super) fn emit<L: Leaves>(
+    bvh: &Bvh2,
+    plan: &Plan,
+    slots: usize,
+    leaves: &mut L,
+    nodes: &mut Vec<Node8>,
+) -> Vec<Root> {
     let mut roots = Vec::with_capacity(slots);
     Emission { bvh, plan, leaves, nodes }.roots(0, 0, slots, &mut roots);
     roots

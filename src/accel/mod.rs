@@ -25,8 +25,8 @@ pub use alpha::base_color_at;
 pub use offset::offset_origin;
 
 use crate::scene::{Rgb, Scene};
-use glam::{Vec2, Vec3};
 use bvh8::Bvh8;
+use glam::{Vec2, Vec3};
 use traverse::{Query, RayFrame};
 
 /// A ray segment `origin + t·direction`, `t_min < t < t_max`. A ray that is not finite, or has no direction, meets nothing.

@@ -171,12 +171,18 @@ pub(super) fn traverse<'b, K: Kernel, Q: Query<'b>>(
                         if below.near >= entry.near {
                             break;
                         }
-                        unsafe { *stack.get_unchecked_mut(at) = MaybeUninit::new(below); }
+                        unsafe {
+                            *stack.get_unchecked_mut(at) = MaybeUninit::new(below);
+                        }
                         at -= 1;
                     }
-                    unsafe { *stack.get_unchecked_mut(at) = MaybeUninit::new(entry); }
+                    unsafe {
+                        *stack.get_unchecked_mut(at) = MaybeUninit::new(entry);
+                    }
                 } else {
-                    unsafe { *stack.get_unchecked_mut(height) = MaybeUninit::new(entry); }
+                    unsafe {
+                        *stack.get_unchecked_mut(height) = MaybeUninit::new(entry);
+                    }
                 }
                 height += 1;
             }

@@ -21,17 +21,20 @@ const SURVEY_RAYS: u32 = 64;
 /// Shadow rays per lamp of an element that has no texels of its own.
 const ELEMENT_RAYS: u32 = 16;
 
+/// Bounces by rays that refine the solution before the final gather.
+const BOUNCES: u32 = 1;
+
 /// What the lighting stages did.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Counts {
+pub struct Counts {
     /// Sizes of the radiosity system and of the gather.
-    pub(super) solver: SolverFacts,
+    pub solver: SolverFacts,
     /// Rays by purpose.
-    pub(super) rays: BTreeMap<String, u64>,
+    pub rays: BTreeMap<String, u64>,
 }
 
 /// Irradiance of every texel to within about `error` (relative RMSE).
-pub(super) fn light(
+pub fn light(
     scene: &Scene,
     atlas: &Atlas,
     texels: &Texels,
@@ -69,8 +72,7 @@ pub(super) fn light(
     })?;
 
     let indirect = clock.measure(Stage::Gather, || {
-        let passes: u32 = std::env::var("PASSES").ok().and_then(|s| s.parse().ok()).unwrap_or(1);
-        for pass in 0..passes {
+        for pass in 0..BOUNCES {
             let source = Source::new(&accel, atlas, &surfels, &tree, &emission, &direct, &element_direct, &irradiance);
             irradiance = gather::element_rest(&source, &surfels, &tree, pass, progress)?;
         }
@@ -92,12 +94,7 @@ fn cell_settings(error: f32, floor: f32) -> CellSettings {
 }
 
 /// The hierarchy over all fronts, and over those backs that something sees.
-fn hierarchy(
-    accel: &Accel,
-    atlas: &Atlas,
-    surfels: &Surfels,
-    progress: &dyn Progress,
-) -> Result<Hierarchy, Cancelled> {
+fn hierarchy(accel: &Accel, atlas: &Atlas, surfels: &Surfels, progress: &dyn Progress) -> Result<Hierarchy, Cancelled> {
     let surfaces: Vec<Surface> = surfels.surfaces(atlas);
     let fronts = hierarchy::build(surfels, &surfaces, &vec![false; surfaces.len()]);
     let backs = solve::hidden_backs(accel, atlas, surfels, &fronts, &surfaces, BACK_RAYS, progress)?;

@@ -45,7 +45,9 @@ impl<'a> Source<'a> {
             .map(|s| {
                 let Some(e) = hierarchy.element_of(s, Side::Front) else { return [f16::ZERO; 3] };
                 let own = direct.get(s as usize).copied().unwrap_or(element_direct[e as usize]);
-                radiance(s, own + element_rest[e as usize]).to_array().map(f16::from_f32)
+                // What something stands on does not share in what the element's open part receives.
+                let share = if surfels.is_covered(s) && hierarchy.is_open(surfels, e) { 0.0 } else { 1.0 };
+                radiance(s, own + element_rest[e as usize] * share).to_array().map(f16::from_f32)
             })
             .collect();
         let (elements, areas) = hierarchy

@@ -130,6 +130,11 @@ impl Hierarchy {
         (element.surfels.end - 1, element.side)
     }
 
+    /// True if some part of element `e` is not stood on.
+    pub fn is_open(&self, surfels: &Surfels, e: u32) -> bool {
+        self.elements[e as usize].surfels.clone().any(|s| !surfels.is_covered(s))
+    }
+
     /// Unit normal of a surfel's side.
     pub fn normal(&self, surfels: &Surfels, surfel: u32, side: Side) -> Vec3 {
         match side {

@@ -105,6 +105,11 @@ impl<'a> Surfels<'a> {
         self.pick(s, |t, i| t.geometric_normal[i], |p, i| p.normal[i])
     }
 
+    /// True if something stands on the surfel.
+    pub fn is_covered(&self, s: u32) -> bool {
+        self.covered.get(s as usize).is_some_and(|&c| c)
+    }
+
     /// Area that takes part in the exchange of light, m².
     pub fn area(&self, s: u32) -> f32 {
         let texel = |t: &Texels, i: usize| if self.covered[i] { COVERED * t.area[i] } else { t.area[i] };
@@ -123,9 +128,8 @@ impl<'a> Surfels<'a> {
 
     /// Scene instance and triangle that the surfel lies on; the largest if a texel lies on several.
     pub fn triangle(&self, atlas: &Atlas, s: u32) -> (usize, usize) {
-        let texel = |t: &Texels, i: usize| {
-            (atlas.charts[t.chart[i] as usize].instance, t.triangles_of(i as u32)[0] as usize)
-        };
+        let texel =
+            |t: &Texels, i: usize| (atlas.charts[t.chart[i] as usize].instance, t.triangles_of(i as u32)[0] as usize);
         self.pick(s, texel, |p, i| (p.owner[i].0 as usize, p.owner[i].1 as usize))
     }
 

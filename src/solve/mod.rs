@@ -28,7 +28,7 @@ pub struct SolveSettings {
 impl SolveSettings {
     /// Settings whose part in a relative error of the lightmap is small.
     pub fn for_error(error: f32) -> Self {
-        Self { link_error: std::env::var("LE").ok().and_then(|s| s.parse().ok()).unwrap_or(0.1) * error, convergence: 0.002 * error, iterations: 300, refine: RefineSettings::default() }
+        Self { link_error: error, convergence: 0.002 * error, iterations: 300, refine: RefineSettings::default() }
     }
 }
 
