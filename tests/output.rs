@@ -146,6 +146,9 @@ impl Lit {
     }
 }
 
+/// Position and lightmap coordinate of the corners.
+type LitTriangle = [(Vec3, Vec2); 3];
+
 fn small() -> AtlasSettings {
     AtlasSettings { texels_per_metre: Some(8.0), ..AtlasSettings::default() }
 }
@@ -161,7 +164,7 @@ fn check_coordinates(lit: &Lit) {
     for (i, instance) in lit.scene.instances.iter().enumerate() {
         let mesh = &lit.scene.meshes[instance.mesh];
         let layout = lit.atlas.layouts[i].as_ref().expect("every instance is lit");
-        let mut expected: HashMap<(usize, usize), Vec<[(Vec3, Vec2); 3]>> = HashMap::new();
+        let mut expected: HashMap<(usize, usize), Vec<LitTriangle>> = HashMap::new();
         for (t, triangle) in mesh.triangles.iter().enumerate() {
             let page = lit.atlas.charts[layout.charts[t] as usize].page;
             let size = lit.atlas.pages[page];
@@ -175,18 +178,17 @@ fn check_coordinates(lit: &Lit) {
             let positions: Vec<Vec3> = reader.read_positions().expect("positions").map(Vec3::from).collect();
             let uvs: Vec<Vec2> = reader.read_tex_coords(1).expect("TEXCOORD_1").into_f32().map(Vec2::from).collect();
             let indices: Vec<u32> = reader.read_indices().expect("indices").into_u32().collect();
-            let triangles: Vec<[(Vec3, Vec2); 3]> = indices
+            let triangles: Vec<LitTriangle> = indices
                 .as_chunks::<3>()
                 .0
                 .iter()
                 .map(|t| t.map(|v| (positions[v as usize], uvs[v as usize])))
                 .collect();
-            let close = |a: &[(Vec3, Vec2); 3], b: &[(Vec3, Vec2); 3]| {
+            let close = |a: &LitTriangle, b: &LitTriangle| {
                 a.iter().zip(b).all(|(a, b)| a.0 == b.0 && (a.1 - b.1).abs().max_element() < 1e-6)
             };
-            let same = |e: &Vec<[(Vec3, Vec2); 3]>| {
-                e.len() == triangles.len() && e.iter().zip(&triangles).all(|(a, b)| close(a, b))
-            };
+            let same =
+                |e: &Vec<LitTriangle>| e.len() == triangles.len() && e.iter().zip(&triangles).all(|(a, b)| close(a, b));
             assert!(expected.values().any(same), "{}: a primitive that is not in the atlas", instance.path);
             found += triangles.len();
         }

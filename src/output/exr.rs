@@ -36,7 +36,7 @@ fn largest(precision: Precision) -> f32 {
 
 /// Number of texels of `page` that `precision` cannot hold: they are written as its largest value.
 pub fn clamped_texels(page: &PageImage, precision: Precision) -> usize {
-    page.rgb.iter().filter(|c| !(c.max_element() <= largest(precision))).count()
+    page.rgb.iter().filter(|c| !c.is_finite() || c.max_element() > largest(precision)).count()
 }
 
 /// Brings a value into 0..=`largest`; a NaN becomes zero.

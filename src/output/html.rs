@@ -30,10 +30,10 @@ pub fn write_html(sink: &mut dyn Write, report: &Report, pages: &[PageImage]) ->
     }
     body += "</div>";
     body += &tables(report);
-    write!(
+    writeln!(
         sink,
         "<!doctype html><html lang=en><meta charset=utf-8><meta name=viewport content=\"width=device-width\">\
-         <title>{title}</title><style>{STYLE}</style>{body}</html>\n"
+         <title>{title}</title><style>{STYLE}</style>{body}</html>"
     )
 }
 
@@ -71,8 +71,10 @@ fn tables(report: &Report) -> String {
     out += &table("Time", &times);
     let mut effort: Vec<_> = report.rays.iter().map(|(kind, n)| (format!("rays, {kind}"), n.to_string())).collect();
     effort.push(("nodes".into(), report.solver.nodes.to_string()));
+    effort.push(("elements".into(), report.solver.elements.to_string()));
     effort.push(("links".into(), report.solver.links.to_string()));
     effort.push(("iterations".into(), report.solver.iterations.to_string()));
+    effort.push(("probes".into(), report.solver.probes.to_string()));
     if let Some(bytes) = report.memory_peak_bytes {
         effort.push(("peak memory".into(), format!("{:.0} MB", bytes as f64 / 1e6)));
     }

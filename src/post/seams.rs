@@ -20,10 +20,11 @@ const SAMPLES_PER_TEXEL: f32 = 2.0;
 const EMPTY_WEIGHT: f64 = 0.01;
 const COVERED_WEIGHT: f64 = 0.1;
 
-/// Sides may differ by this much more than their texels differ around the lookup. What jumps more than that is
-/// light that really changes at the edge, for example under a wall, and must not bleed across.
-const GRADIENT_TOLERANCE: f32 = 2.0;
-/// The same, as a share of the values themselves.
+/// Share of the differences around a lookup, within three texels on each side, by which the sides may disagree because
+/// they are sampled at different points of one slope. What jumps more than that is light that really changes at the
+/// edge, for example under a wall, and must not bleed across.
+const GRADIENT_TOLERANCE: f32 = 0.5;
+/// Share of the values themselves that is allowed on top, for their error.
 const VALUE_TOLERANCE: f32 = 0.1;
 
 /// A texel of a page.
@@ -70,6 +71,23 @@ struct Map<'a> {
     pages: &'a [PageImage],
 }
 
+/// Least and largest value per channel.
+#[derive(Clone, Copy)]
+struct Range {
+    low: Rgb,
+    high: Rgb,
+}
+
+impl Range {
+    fn union(self, other: Range) -> Range {
+        Range { low: self.low.min(other.low), high: self.high.max(other.high) }
+    }
+
+    fn width(self) -> f32 {
+        (self.high - self.low).max_element()
+    }
+}
+
 /// The four texels of a bilinear lookup and their weights.
 type Footprint = [(Place, f32); 4];
 
@@ -77,16 +95,19 @@ impl Map<'_> {
     fn mend_instance(&self, seams: &[Seam]) -> Vec<Change> {
         let mut unknowns: HashMap<Place, u32> = HashMap::new();
         let mut places: Vec<Place> = Vec::new();
+        let mut ranges: Vec<Range> = Vec::new();
         let mut problem = Problem::default();
         for seam in seams {
             for lookup in lookups(seam) {
-                let Some(footprints) = self.comparable(seam, lookup) else { continue };
+                let Some((terms, range)) = self.comparable(seam, lookup) else { continue };
                 let mut equation: Equation = [(0, 0.0); TERMS];
-                for (term, (place, weight)) in equation.iter_mut().zip(footprints) {
+                for (term, (place, weight)) in equation.iter_mut().zip(terms) {
                     let unknown = *unknowns.entry(place).or_insert_with(|| {
                         places.push(place);
+                        ranges.push(range);
                         places.len() as u32 - 1
                     });
+                    ranges[unknown as usize] = ranges[unknown as usize].union(range);
                     *term = (unknown, weight);
                 }
                 problem.equations.push(equation);
@@ -98,23 +119,29 @@ impl Map<'_> {
             return Vec::new();
         }
         let solution = problem.solve();
-        let value = |x: DVec3| x.max(DVec3::ZERO).as_vec3();
-        places.into_iter().zip(solution).map(|(place, x)| Change { place, value: value(x) }).collect()
+        // No new extremes: what agrees by overshooting would show as a bright or dark line.
+        let value = |x: DVec3, range: &Range| x.as_vec3().max(range.low).min(range.high);
+        let changes = places.into_iter().zip(solution).zip(&ranges);
+        changes.map(|((place, x), range)| Change { place, value: value(x, range) }).collect()
     }
 
-    /// Both footprints of a lookup, the second with negative weights; none if the sides cannot be or need not be
-    /// brought together.
-    fn comparable(&self, seam: &Seam, positions: [Vec2; 2]) -> Option<impl Iterator<Item = (Place, f32)>> {
+    /// Both footprints of a lookup, the second with negative weights, and the range of the values around them; none if
+    /// the sides cannot or need not be brought together.
+    fn comparable(
+        &self,
+        seam: &Seam,
+        positions: [Vec2; 2],
+    ) -> Option<(impl Iterator<Item = (Place, f32)> + use<>, Range)> {
         let [a, b] = [0, 1].map(|s| self.footprint(&seam.sides[s], positions[s]));
         let (a, b) = (a?, b?);
-        let [(low_a, high_a), (low_b, high_b)] = [self.range(&a), self.range(&b)];
+        let (around_a, around_b) = (self.range(&a), self.range(&b));
+        let both = around_a.union(around_b);
         let jump = (self.lookup(&a) - self.lookup(&b)).abs().max_element();
-        let gradient = (high_a - low_a).max_element() + (high_b - low_b).max_element();
-        let level = high_a.max(high_b).max_element();
-        if jump > GRADIENT_TOLERANCE * gradient + VALUE_TOLERANCE * level {
+        let gradient = around_a.width() + around_b.width();
+        if jump > GRADIENT_TOLERANCE * gradient + VALUE_TOLERANCE * both.high.max_element() {
             return None;
         }
-        Some(a.into_iter().chain(b.map(|(place, weight)| (place, -weight))))
+        Some((a.into_iter().chain(b.map(|(place, weight)| (place, -weight))), both))
     }
 
     /// Texels of a bilinear lookup. None if another chart's texels are among them, or none of the side's own.
@@ -141,23 +168,22 @@ impl Map<'_> {
         footprint.iter().map(|(place, weight)| self.value(*place) * *weight).sum()
     }
 
-    /// Least and largest baked value around a footprint: of it and of the ring around it.
-    fn range(&self, footprint: &Footprint) -> (Rgb, Rgb) {
+    /// Baked values of a footprint, of which at least one exists, and of the ring around it.
+    fn range(&self, footprint: &Footprint) -> Range {
         let (page, first) = footprint[0].0;
         let last = footprint[3].0.1;
         let image = &self.pages[page];
         let (width, height) = (image.width, image.height);
-        let (mut low, mut high) = (Rgb::INFINITY, Rgb::ZERO);
+        let mut range = Range { low: Rgb::INFINITY, high: Rgb::ZERO };
         for y in (first / width).saturating_sub(1)..=(last / width + 1).min(height - 1) {
             for x in (first % width).saturating_sub(1)..=(last % width + 1).min(width - 1) {
                 let i = (y * width + x) as usize;
                 if image.valid[i] {
-                    low = low.min(image.rgb[i]);
-                    high = high.max(image.rgb[i]);
+                    range = range.union(Range { low: image.rgb[i], high: image.rgb[i] });
                 }
             }
         }
-        (low.min(high), high)
+        range
     }
 
     fn value(&self, (page, i): Place) -> Rgb {
