@@ -22,7 +22,7 @@ const SURVEY_RAYS: u32 = 64;
 const ELEMENT_RAYS: u32 = 16;
 
 /// Bounces by rays that refine the solution before the final gather.
-const BOUNCES: u32 = 1;
+const BOUNCES: u32 = 2;
 
 /// What the lighting stages did.
 #[derive(Clone, Debug, Default)]
@@ -73,10 +73,30 @@ pub fn light(
 
     let indirect = clock.measure(Stage::Gather, || {
         for pass in 0..BOUNCES {
-            let source = Source::new(&accel, atlas, &surfels, &tree, &emission, &direct, &element_direct, &irradiance);
+            let source = Source::new(
+                &accel,
+                atlas,
+                &surfels,
+                &tree,
+                &emission,
+                footprint.open(),
+                &direct,
+                &element_direct,
+                &irradiance,
+            );
             irradiance = gather::element_rest(&source, &surfels, &tree, pass, progress)?;
         }
-        let source = Source::new(&accel, atlas, &surfels, &tree, &emission, &direct, &element_direct, &irradiance);
+        let source = Source::new(
+            &accel,
+            atlas,
+            &surfels,
+            &tree,
+            &emission,
+            footprint.open(),
+            &direct,
+            &element_direct,
+            &irradiance,
+        );
         let floor = 0.1 * mean(texels, &direct, &tree, &irradiance);
         gather::indirect(&source, atlas, texels, &footprint, &cell_settings(error, floor), progress)
     })?;

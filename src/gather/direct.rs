@@ -19,6 +19,8 @@ use std::sync::atomic::{AtomicU64, Ordering};
 const CHUNK: usize = 1024;
 /// Texel widths within which a lamp's irradiance bends inside a texel.
 const NEAR: f32 = 6.0;
+/// Texels from which the mean irradiance is estimated.
+const MEAN_SAMPLES: usize = 4096;
 /// Points of a texel that is near a lamp.
 const NEAR_SAMPLES: u32 = 32;
 
@@ -29,15 +31,23 @@ pub struct DirectSettings {
     pub base: u32,
     /// Rays of a texel whose neighbourhood disagrees.
     pub edge: u32,
-    /// Rays of a texel that sees part of the lamp.
-    pub penumbra: u32,
+    /// Most rays of a texel that sees part of the lamp.
+    pub most: u32,
+    /// Relative error of the lightmap to aim for.
+    pub error: f32,
 }
 
 impl DirectSettings {
     /// Settings whose noise stays below a relative error of the whole lightmap.
     pub fn for_error(error: f32) -> Self {
-        let penumbra = (1.3 / error).clamp(16.0, 1024.0) as u32;
-        Self { base: 4, edge: 16, penumbra: penumbra.next_power_of_two() }
+        Self { base: 4, edge: 16, most: 1024, error }
+    }
+
+    /// Rays of a texel that sees part of a lamp which unblocked would bring `free`, where the mean is `mean` W/m².
+    /// The error of stratified visibility falls as n^(−3/4).
+    fn penumbra(&self, free: f32, mean: f32) -> u32 {
+        let rays = (0.5 * free / (3.0 * self.error * mean.max(1e-12))).powf(4.0 / 3.0);
+        (rays.min(self.most as f32) as u32).next_power_of_two().clamp(self.edge, self.most)
     }
 }
 
@@ -150,6 +160,7 @@ pub fn texel_direct(
     let mut irradiance = vec![Rgb::ZERO; texels.len()];
     let counter = Counter::new(progress, Stage::Direct, texels.len() * lamps.lamps.len() * 2);
     let rays = AtomicU64::new(0);
+    let mean = sample_mean(lamps, footprint, texels.len());
     let mut first = vec![Visibility::default(); texels.len()];
     for lamp in 0..lamps.lamps.len() {
         first.par_chunks_mut(CHUNK).enumerate().try_for_each(|(chunk, sums)| {
@@ -176,7 +187,8 @@ pub fn texel_direct(
                     let point = |u| footprint.point(texel, u);
                     cast += lamps.test(lamp, texel, settings.base..settings.edge, point, &mut sum);
                     if sum.seen() == Seen::Part {
-                        cast += lamps.test(lamp, texel, settings.edge..settings.penumbra, point, &mut sum);
+                        let most = settings.penumbra(free.max_element(), mean);
+                        cast += lamps.test(lamp, texel, settings.edge..most, point, &mut sum);
                     }
                 }
                 *e += free * sum.share();
@@ -186,6 +198,18 @@ pub fn texel_direct(
         })?;
     }
     Ok((irradiance, rays.into_inner()))
+}
+
+/// Mean irradiance from all lamps, W/m², mean of channels, from every so many-th texel.
+fn sample_mean(lamps: &Lamps, footprint: &Footprint, texels: usize) -> f32 {
+    let step = texels.div_ceil(MEAN_SAMPLES).max(1);
+    let sum: f32 = (0..texels.div_ceil(step))
+        .into_par_iter()
+        .map(|i| lamps.mean(&[footprint.centre((i * step) as u32)], i as u32, 1).element_sum() / 3.0)
+        .collect::<Vec<f32>>()
+        .iter()
+        .sum();
+    sum / texels.div_ceil(step).max(1) as f32
 }
 
 /// Irradiance from an unblocked lamp: at the texel's centre, or averaged over the texel where the lamp is so close that

@@ -12,6 +12,8 @@ use rayon::prelude::*;
 const GRID: u32 = 4;
 /// Texels per parallel task.
 const CHUNK: usize = 4096;
+/// Strip along a texel's border that no ray starts from, in texels.
+const MARGIN: f32 = 1e-3;
 
 /// The usable part of every texel, as a grid of cells.
 pub struct Footprint<'a> {
@@ -22,7 +24,9 @@ pub struct Footprint<'a> {
     cells: Vec<u16>,
     /// Texels that lie wholly inside other geometry.
     hidden: Vec<bool>,
-    /// Texels that something stands on.
+    /// Share of each texel that nothing stands on.
+    open: Vec<f32>,
+    /// Texels of which nothing is open.
     covered: Vec<bool>,
 }
 
@@ -53,8 +57,10 @@ impl<'a> Footprint<'a> {
                 if progress.is_cancelled() { Err(Cancelled) } else { Ok(()) }
             },
         )?;
-        let covered = (0..texels.len() as u32).into_par_iter().map(|t| is_covered(accel, texels, t)).collect();
-        Ok(Self { scene, atlas, texels, cells, hidden, covered })
+        let open: Vec<f32> =
+            (0..texels.len() as u32).into_par_iter().map(|t| open_share(accel, atlas, texels, t)).collect();
+        let covered = open.iter().map(|&share| share == 0.0).collect();
+        Ok(Self { scene, atlas, texels, cells, hidden, open, covered })
     }
 
     /// True if all of the texel lies inside other geometry.
@@ -67,8 +73,15 @@ impl<'a> Footprint<'a> {
         &self.covered
     }
 
+    /// Per texel: the share of it that nothing stands on, 0..=1. Only that part is seen by others.
+    pub fn open(&self) -> &[f32] {
+        &self.open
+    }
+
     /// A point of the texel's usable part from `u` in the unit square; uniform over it.
     pub fn point(&self, texel: u32, u: Vec2) -> SurfacePoint {
+        // Points on a chart's very border lie on the neighbouring surface as well.
+        let u = u * (1.0 - 2.0 * MARGIN) + MARGIN;
         let mask = self.cells[texel as usize];
         let offset = if mask == u16::MAX {
             u
@@ -136,14 +149,24 @@ fn free_cells(accel: &Accel, atlas: &Atlas, texels: &Texels, texel: u32, covered
         .fold(0, |mask, bit| mask | 1 << bit)
 }
 
-/// True if what lies straight above the texel is a back face, or closer than the texel is wide.
-fn is_covered(accel: &Accel, texels: &Texels, texel: u32) -> bool {
+/// Share of a texel that nothing stands on. Cells are looked at where another surface crosses the texel.
+fn open_share(accel: &Accel, atlas: &Atlas, texels: &Texels, texel: u32) -> f32 {
     let t = texel as usize;
-    let direction = texels.geometric_normal[t];
-    let origin = offset_origin(texels.position[t], direction);
-    accel
-        .closest(&Ray { origin, direction, t_min: 0.0, t_max: f32::INFINITY })
-        .is_some_and(|hit| hit.normal.dot(direction) > 0.0 || hit.t < texels.area[t].sqrt())
+    let width = texels.area[t].sqrt();
+    let (position, normal) = (texels.position[t], texels.geometric_normal[t]);
+    if !near_surface(accel, position, normal, width) {
+        return if is_covered(accel, position, normal, width) { 0.0 } else { 1.0 };
+    }
+    let points: Vec<SurfacePoint> =
+        (0..GRID * GRID).filter_map(|bit| texels.sample(accel.scene(), atlas, texel, cell_centre(bit))).collect();
+    let covered = points.iter().filter(|p| is_covered(accel, p.position, p.geometric_normal, width / GRID as f32));
+    1.0 - covered.count() as f32 / points.len().max(1) as f32
+}
+
+/// True if what lies straight above a point is a back face, or closer than `near`.
+fn is_covered(accel: &Accel, position: Vec3, normal: Vec3, near: f32) -> bool {
+    let ray = Ray { origin: offset_origin(position, normal), direction: normal, t_min: 0.0, t_max: f32::INFINITY };
+    accel.closest(&ray).is_some_and(|hit| hit.normal.dot(normal) > 0.0 || hit.t < near)
 }
 
 /// True if another surface crosses the texel: something lies within a texel's reach across the surface.

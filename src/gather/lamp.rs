@@ -268,7 +268,7 @@ impl EmitterTriangle {
         let facing = -self.normal.dot(v);
         let d2 = v.length_squared();
         // In the triangle's own plane rounding would decide whether it fills the horizon or nothing.
-        if facing * facing <= COPLANAR * COPLANAR * d2 || (!self.two_sided && facing <= 0.0) {
+        if facing * facing <= COPLANAR * COPLANAR * (d2 + self.area) || (!self.two_sided && facing <= 0.0) {
             return Rgb::ZERO;
         }
         // Far tier: within 0.1 % of the polygon once the triangle is small against its distance.

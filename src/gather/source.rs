@@ -10,6 +10,9 @@ use half::f16;
 use rayon::prelude::*;
 use std::f32::consts::FRAC_1_PI;
 
+/// Below this share the open part of a texel is too small to be known well.
+const LEAST_OPEN: f32 = 0.25;
+
 /// The scene as a source of light.
 pub struct Source<'a> {
     /// Ray queries.
@@ -27,7 +30,7 @@ pub struct Source<'a> {
 }
 
 impl<'a> Source<'a> {
-    /// `direct` is the irradiance of every texel straight from lamps; `element_direct` and `element_rest` are the
+    /// `open` is the share of every texel that nothing stands on; `direct` is the irradiance of every texel straight from lamps; `element_direct` and `element_rest` are the
     /// irradiance of every element from lamps and from everything else, all in W/m².
     pub fn new(
         accel: &'a Accel<'a>,
@@ -35,6 +38,7 @@ impl<'a> Source<'a> {
         surfels: &'a Surfels<'a>,
         hierarchy: &'a Hierarchy,
         emission: &'a Emission,
+        open: &[f32],
         direct: &[Rgb],
         element_direct: &[Rgb],
         element_rest: &[Rgb],
@@ -44,7 +48,11 @@ impl<'a> Source<'a> {
             .into_par_iter()
             .map(|s| {
                 let Some(e) = hierarchy.element_of(s, Side::Front) else { return [f16::ZERO; 3] };
-                let own = direct.get(s as usize).copied().unwrap_or(element_direct[e as usize]);
+                // A texel's irradiance is the mean with what is covered and dark; others see only the open part.
+                let own = match direct.get(s as usize) {
+                    Some(&mean) => mean / open[s as usize].max(LEAST_OPEN),
+                    None => element_direct[e as usize],
+                };
                 // What something stands on does not share in what the element's open part receives.
                 let share = if surfels.is_covered(s) && hierarchy.is_open(surfels, e) { 0.0 } else { 1.0 };
                 radiance(s, own + element_rest[e as usize] * share).to_array().map(f16::from_f32)
