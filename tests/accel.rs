@@ -59,6 +59,7 @@ fn instance(mesh: usize, transform: Affine3A) -> Instance {
         casts_shadows: true,
         lightmap: LightmapRequest::Default,
         group: None,
+        gpu_instance: None,
     }
 }
 

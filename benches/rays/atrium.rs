@@ -48,6 +48,7 @@ fn finish(mut m: Mesh) -> Scene {
         casts_shadows: true,
         lightmap: LightmapRequest::None,
         group: None,
+        gpu_instance: None,
     };
     Scene { meshes: vec![m], instances: vec![instance], materials: vec![Material::default()], ..Default::default() }
 }
