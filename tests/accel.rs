@@ -1,7 +1,7 @@
 //! Ray queries against brute force, on both instruction sets.
 
 use glam::{Affine3A, DVec3, Vec2, Vec3, Vec4};
-use lightkiln::accel::{Accel, Hit, Ray, offset_origin};
+use lightkiln::accel::{Accel, AccelSettings, Hit, Ray, offset_origin};
 use lightkiln::scene::{
     AlphaMode, Filter, Instance, LightmapRequest, Material, Mesh, Primitive, Rgb, Scene, Texture, TextureSlot, Wrap,
 };
@@ -59,6 +59,7 @@ fn instance(mesh: usize, transform: Affine3A) -> Instance {
         casts_shadows: true,
         lightmap: LightmapRequest::Default,
         group: None,
+        gpu_instance: None,
     }
 }
 
@@ -140,10 +141,13 @@ fn brute_force(scene: &Scene, ray: &Ray) -> Option<Option<f64>> {
     Some(best)
 }
 
+/// Every mesh that is used twice is built once.
+const SHARED: AccelSettings = AccelSettings { sharing_saves: 0 };
+
 /// Compares random rays with brute force, and the two instruction sets with each other.
-fn check(scene: &Scene, rays: impl Iterator<Item = Ray>) {
-    let accel = Accel::build(scene);
-    let portable = Accel::build(scene).portable();
+fn check(scene: &Scene, settings: &AccelSettings, rays: impl Iterator<Item = Ray>) {
+    let accel = Accel::build_with(scene, settings);
+    let portable = Accel::build_with(scene, settings).portable();
     let mut compared = 0;
     for ray in rays {
         let hit = accel.closest(&ray);
@@ -193,7 +197,7 @@ fn agrees_with_brute_force_on_triangle_soups() {
     let mut random = Random(1);
     for (count, size) in [(1, 1.0), (2, 0.5), (5, 0.5), (300, 0.2), (2000, 0.05)] {
         let s = scene(vec![soup(count, size, &mut random)], vec![instance(0, Affine3A::IDENTITY)]);
-        check(&s, random_rays(1000, 1.0, 2));
+        check(&s, &AccelSettings::default(), random_rays(1000, 1.0, 2));
     }
 }
 
@@ -232,7 +236,71 @@ fn mirrored_and_sheared_instances_keep_distance_and_front_face() {
         instance(0, turned * Affine3A::from_scale(Vec3::new(0.4, -1.0, -0.3))),
         instance(0, turned * Affine3A::from_scale(Vec3::new(-0.4, -1.0, -0.3))),
     ];
-    check(&scene(vec![soup(150, 0.3, &mut random)], instances), random_rays(1500, 1.0, 6));
+    let s = scene(vec![soup(300, 0.3, &mut random)], instances);
+    for settings in [AccelSettings::default(), SHARED] {
+        check(&s, &settings, random_rays(1500, 1.0, 6));
+    }
+    let size = |settings| Accel::build_with(&s, settings).size();
+    assert!(2 * size(&SHARED) < size(&AccelSettings::default()), "sharing saves nothing");
+}
+
+#[test]
+fn shared_and_copied_meshes_give_the_same_hits() {
+    let mut random = Random(15);
+    let mut instances = vec![instance(1, Affine3A::from_scale(Vec3::splat(3.0)))];
+    for _ in 0..40 {
+        let size = Vec3::new(random.signed(), random.signed(), random.signed()) * 0.5;
+        let place = Affine3A::from_translation(3.0 * random.point()) * Affine3A::from_rotation_x(6.0 * random.next());
+        instances.push(instance(0, place * Affine3A::from_scale(size)));
+    }
+    instances[7].casts_shadows = false;
+    let s = scene(vec![sphere(16), soup(400, 0.1, &mut random)], instances);
+    let (copied, shared) = (Accel::build(&s), Accel::build_with(&s, &SHARED));
+    assert!(shared.size() < copied.size() / 3);
+    let (mut hits, mut differences) = (0, 0);
+    for r in random_rays(5000, 3.0, 16) {
+        let (a, b) = (copied.closest(&r), shared.closest(&r));
+        hits += usize::from(a.is_some());
+        match (a, b) {
+            (None, None) => {}
+            (Some(a), Some(b)) if (a.instance, a.triangle) == (b.instance, b.triangle) => {
+                assert!((a.t - b.t).abs() < 1e-3 * (1.0 + a.t), "{a:?} {b:?}");
+                assert!(a.normal.distance(b.normal) < 1e-3, "{a:?} {b:?}");
+            }
+            // The ray runs along an edge, and rounding decides.
+            _ => differences += 1,
+        }
+    }
+    assert!(hits > 200 && differences < 5, "{differences} of {hits} hits differ");
+}
+
+#[test]
+fn no_ray_leaves_a_shared_closed_mesh() {
+    let place = Affine3A::from_translation(Vec3::new(30.0, -20.0, 10.0)) * Affine3A::from_rotation_z(0.3);
+    let s = scene(vec![sphere(24)], vec![instance(0, place), instance(0, place * Affine3A::from_scale(-Vec3::ONE))]);
+    let accel = Accel::build_with(&s, &SHARED);
+    let mut random = Random(17);
+    for position in &s.meshes[0].positions {
+        let origin = place.transform_point3(0.5 * random.point());
+        let r = ray(origin, (place.transform_point3(*position) - origin).normalize());
+        assert!(accel.occluded(&r) && accel.closest(&r).is_some(), "{r:?} slips through");
+    }
+}
+
+#[test]
+fn masks_hold_in_shared_meshes() {
+    let mut s = card_scene(AlphaMode::Mask(0.5));
+    // A copy of the card for every layer, so that there is enough to share.
+    let m = &mut s.meshes[0];
+    m.triangles = m.triangles.iter().copied().cycle().take(512).collect();
+    m.primitives[0].triangles = 0..512;
+    s.instances = vec![s.instances[0].clone(); 3];
+    s.instances[2].transform = Affine3A::from_translation(Vec3::new(5.0, 0.0, 0.0));
+    let accel = Accel::build_with(&s, &SHARED);
+    for (x, solid) in [(0.3, true), (0.7, false), (5.3, true), (5.7, false)] {
+        assert_eq!(accel.occluded(&down(x, 0.4)), solid);
+        assert_eq!(accel.closest(&down(x, 0.4)).map(|h| h.instance), solid.then_some(if x > 5.0 { 2 } else { 0 }));
+    }
 }
 
 #[test]
@@ -305,6 +373,27 @@ fn of_coincident_triangles_the_first_is_hit() {
     for accel in [Accel::build(&s), Accel::build(&s).portable()] {
         let hit = accel.closest(&ray(Vec3::new(0.2, 1.0, 0.2), -Vec3::Y)).expect("it is in the way");
         assert_eq!((hit.instance, hit.triangle, hit.t), (0, 0, 1.0));
+    }
+}
+
+#[test]
+fn nested_and_piled_up_geometry_is_traversed() {
+    // Triangles that grow geometrically defeat balanced splits; thousands of coincident ones defeat all splits.
+    let mut positions = Vec::new();
+    for i in 0..250 {
+        let size = 1e-12 * 1.1f32.powi(i);
+        positions.extend([size * Vec3::X, size * Vec3::Y, size * Vec3::Z]);
+    }
+    positions.extend([2.0 * Vec3::X, 2.0 * Vec3::Y, 2.0 * Vec3::Z].repeat(20_000));
+    let triangles = (0..positions.len() as u32 / 3).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect();
+    let s = scene(vec![mesh(positions, triangles)], vec![instance(0, Affine3A::IDENTITY)]);
+    for accel in [Accel::build(&s), Accel::build(&s).portable()] {
+        let r = ray(Vec3::splat(5.0), -Vec3::ONE.normalize());
+        assert_eq!(accel.closest(&r).map(|h| h.triangle), Some(250));
+        let back = ray(Vec3::ZERO, Vec3::ONE.normalize());
+        assert_eq!(accel.closest(&back).map(|h| h.triangle), Some(0));
+        let last = Ray { t_max: accel.closest(&r).expect("just hit").t, ..r };
+        assert!(!accel.occluded(&last));
     }
 }
 

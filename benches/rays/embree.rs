@@ -62,14 +62,14 @@ const FORMAT_FLOAT3: c_uint = 0x9003;
 const INVALID: c_uint = u32::MAX;
 
 /// A committed Embree scene.
-pub struct Embree {
+pub(crate) struct Embree {
     device: *mut c_void,
     scene: *mut c_void,
 }
 
 impl Embree {
     /// Builds over all instances, flattened.
-    pub fn build(scene: &Scene) -> Self {
+    pub(crate) fn build(scene: &Scene) -> Self {
         let corners: Vec<[f32; 3]> = (0..scene.instances.len())
             .flat_map(|i| (0..scene.meshes[scene.instances[i].mesh].triangles.len()).map(move |t| (i, t)))
             .flat_map(|(i, t)| scene.corners(i, t).map(|p| p.to_array()))
@@ -93,7 +93,7 @@ impl Embree {
     }
 
     /// Distance of the nearest hit.
-    pub fn closest(&self, ray: &Ray) -> Option<f32> {
+    pub(crate) fn closest(&self, ray: &Ray) -> Option<f32> {
         let (mut ray, mut context) = (ray_hit(ray), context());
         // SAFETY: the scene is committed, the ray is aligned and complete.
         unsafe { rtcIntersect1(self.scene, &mut context, &mut ray) };
@@ -101,7 +101,7 @@ impl Embree {
     }
 
     /// True if anything is hit.
-    pub fn occluded(&self, ray: &Ray) -> bool {
+    pub(crate) fn occluded(&self, ray: &Ray) -> bool {
         let (mut ray, mut context) = (ray_hit(ray), context());
         // SAFETY: as above; only the leading ray part is read and written.
         unsafe { rtcOccluded1(self.scene, &mut context, &mut ray) };

@@ -1,10 +1,12 @@
 //! Throughput of ray queries in a procedural scene, millions of rays per second on one thread.
 //!
-//! `cargo bench --bench rays` compares the builders and instruction sets; with `--features embree` (Debian's
-//! `libembree-dev`) also Embree, as a ratio. Every figure is the best of several interleaved rounds, so that other load on
-//! the machine matters little. An argument sets the detail of the scene (1 is about 350,000 triangles).
+//! `cargo bench --bench rays` compares vector and portable instructions with the crate `obvhs`; with `--features embree`
+//! (Debian's `libembree-dev`) Embree comes first and all ratios are to it. Times are processor times, the best of
+//! several interleaved rounds, so that other load on the machine matters little. An argument sets the detail of the scene
+//! (1 is about 430,000 triangles, which grow with its square).
 
 mod atrium;
+mod cwbvh;
 #[cfg(feature = "embree")]
 mod embree;
 
@@ -17,7 +19,7 @@ use std::time::Instant;
 /// Rays per set.
 const RAYS: usize = 1 << 15;
 /// Rounds of which the best counts.
-const ROUNDS: usize = 15;
+const ROUNDS: usize = 7;
 
 /// A small reproducible generator of numbers in 0..1 (Steele et al., SplitMix64).
 struct Random(u64);
@@ -52,7 +54,7 @@ fn ray_sets(accel: &Accel) -> Vec<RaySet> {
     let mut random = Random(1);
     let primary = camera_rays();
     let points: Vec<Point> = primary.iter().filter_map(|ray| surface_point(accel, ray)).collect();
-    let mut point = |i: usize| points[i * points.len() / RAYS];
+    let point = |i: usize| points[i * points.len() / RAYS];
     let free = |origin, direction, t_max| Ray { origin, direction, t_min: 0.0, t_max };
     let cosine = |random: &mut Random, (p, n): Point| free(p, (n + 0.999 * random.sphere()).normalize(), f32::INFINITY);
     let bounce: Vec<Ray> = (0..RAYS).map(|i| cosine(&mut random, point(i))).collect();
@@ -106,16 +108,18 @@ struct Contender<'a> {
     trace: Box<dyn Fn(&RaySet) -> usize + 'a>,
 }
 
-fn count(set: &RaySet, closest: impl Fn(&Ray) -> bool, occluded: impl Fn(&Ray) -> bool) -> usize {
-    if set.any {
-        set.rays.iter().filter(|ray| occluded(ray)).count()
-    } else {
-        set.rays.iter().filter(|ray| closest(ray)).count()
-    }
-}
-
-fn ours<'a>(name: &'static str, accel: &'a Accel) -> Contender<'a> {
-    let trace = |set: &RaySet| count(set, |ray| accel.closest(ray).is_some(), |ray| accel.occluded(ray));
+fn contender<'a>(
+    name: &'static str,
+    closest: impl Fn(&Ray) -> bool + 'a,
+    occluded: impl Fn(&Ray) -> bool + 'a,
+) -> Contender<'a> {
+    let trace = move |set: &RaySet| {
+        if set.any {
+            set.rays.iter().filter(|ray| occluded(ray)).count()
+        } else {
+            set.rays.iter().filter(|ray| closest(ray)).count()
+        }
+    };
     Contender { name, trace: Box::new(trace) }
 }
 
@@ -127,64 +131,66 @@ fn timed<T>(what: &str, build: impl FnOnce() -> T) -> T {
 }
 
 /// Processor time of this thread, seconds.
-fn cpu_seconds() -> f64 {
-    #[repr(C)]
-    struct Timespec {
-        seconds: i64,
-        nanoseconds: i64,
-    }
-    unsafe extern "C" {
-        fn clock_gettime(clock: i32, time: *mut Timespec) -> i32;
-    }
-    const THREAD_CPU_TIME: i32 = 3;
-    let mut time = Timespec { seconds: 0, nanoseconds: 0 };
-    // SAFETY: the structure is that of 64-bit Linux, and the call only writes to it.
-    unsafe { clock_gettime(THREAD_CPU_TIME, &mut time) };
-    time.seconds as f64 + time.nanoseconds as f64 * 1e-9
+#[cfg(target_os = "linux")]
+fn seconds() -> f64 {
+    let mut time = libc::timespec { tv_sec: 0, tv_nsec: 0 };
+    // SAFETY: the call only writes to `time`.
+    unsafe { libc::clock_gettime(libc::CLOCK_THREAD_CPUTIME_ID, &mut time) };
+    time.tv_sec as f64 + time.tv_nsec as f64 * 1e-9
+}
+
+/// Time since the first call, seconds.
+#[cfg(not(target_os = "linux"))]
+fn seconds() -> f64 {
+    static START: std::sync::LazyLock<Instant> = std::sync::LazyLock::new(Instant::now);
+    START.elapsed().as_secs_f64()
 }
 
 fn main() {
     let detail = std::env::args().skip(1).find_map(|a| a.parse().ok()).unwrap_or(1.0);
     let scene = atrium(detail);
-    println!("{} triangles", scene.triangle_count());
-    let accel = timed("default", || Accel::build(&scene));
+    println!("{} triangles, {RAYS} rays of each kind", scene.triangle_count());
+    let accel = timed("lightkiln", || Accel::build(&scene));
     println!("{:12} {:.1} bytes per triangle", "", accel.size() as f64 / scene.triangle_count() as f64);
-    let portable = timed("portable", || Accel::build(&scene).portable());
+    let portable = Accel::build(&scene).portable();
+    let cwbvh = timed("obvhs", || cwbvh::Cwbvh::build(&scene));
     #[cfg(feature = "embree")]
     let embree = timed("embree", || embree::Embree::build(&scene));
-    let mut contenders = Vec::new();
-    #[cfg(feature = "embree")]
-    contenders.push(Contender {
-        name: "embree",
-        trace: Box::new(|set: &RaySet| count(set, |ray| embree.closest(ray).is_some(), |ray| embree.occluded(ray))),
-    });
-    contenders.extend([ours("default", &accel)]);
+    let contenders = [
+        #[cfg(feature = "embree")]
+        contender("embree", |ray| embree.closest(ray).is_some(), |ray| embree.occluded(ray)),
+        contender("lightkiln", |ray| accel.closest(ray).is_some(), |ray| accel.occluded(ray)),
+        contender("portable", |ray| portable.closest(ray).is_some(), |ray| portable.occluded(ray)),
+        contender("obvhs", |ray| cwbvh.closest(ray), |ray| cwbvh.occluded(ray)),
+    ];
+    report(&contenders, &ray_sets(&accel));
+}
 
-    let sets = ray_sets(&accel);
-    print!("{:12}", "Mray/s");
-    sets.iter().for_each(|set| print!("{:>16}", set.name));
-    println!();
+/// Times every contender on every set, and prints throughput and the ratio to the first.
+fn report(contenders: &[Contender], sets: &[RaySet]) {
     let mut best = vec![vec![f64::INFINITY; sets.len()]; contenders.len()];
     let mut hits = vec![vec![0; sets.len()]; contenders.len()];
     for _ in 0..ROUNDS {
         for (s, set) in sets.iter().enumerate() {
             for (c, contender) in contenders.iter().enumerate() {
+                // The first pass brings the contender's data back into the cache.
                 for _ in 0..3 {
-                    let start = cpu_seconds();
+                    let start = seconds();
                     hits[c][s] = black_box((contender.trace)(set));
-                    best[c][s] = best[c][s].min(cpu_seconds() - start);
+                    best[c][s] = best[c][s].min(seconds() - start);
                 }
             }
         }
     }
+    let row = |name: &str, cell: &dyn Fn(usize) -> String| {
+        let cells: String = (0..sets.len()).map(|s| format!("{:>16}", cell(s))).collect();
+        println!("{name:12}{cells}");
+    };
+    row("Mray/s", &|s| sets[s].name.into());
     for (c, contender) in contenders.iter().enumerate() {
-        print!("{:12}", contender.name);
-        for s in 0..sets.len() {
-            print!("{:9.2} ({:4.2})", RAYS as f64 / best[c][s] * 1e-6, best[0][s] / best[c][s]);
-        }
-        println!();
+        row(contender.name, &|s| format!("{:.2} ({:4.2})", RAYS as f64 / best[c][s] * 1e-6, best[0][s] / best[c][s]));
     }
-    for (s, set) in sets.iter().enumerate() {
-        println!("{:12} hits {:?}", set.name, hits.iter().map(|h| h[s]).collect::<Vec<_>>());
+    for (c, contender) in contenders.iter().enumerate() {
+        row(contender.name, &|s| format!("{} hits", hits[c][s]));
     }
 }

@@ -54,14 +54,15 @@ impl Kernel for Avx2 {
             let near = ray.reciprocal * (1.0 - ray.relative_slack);
             let far = ray.reciprocal * (1.0 + ray.relative_slack);
             let o = ray.origin;
+            let (origin, reciprocal) = (o.to_array(), ray.reciprocal.to_array());
             Prepared {
                 near_reciprocal: splat(near),
                 near_offset: splat(o * near + ray.slack),
                 far_reciprocal: splat(far),
                 far_offset: splat(o * far - ray.slack),
-                near_row: [0, 1, 2].map(|axis| if ray.reciprocal[axis] < 0.0 { axis + 3 } else { axis }),
+                near_row: [0, 1, 2].map(|axis| if reciprocal[axis] < 0.0 { axis + 3 } else { axis }),
                 t_min: _mm256_set1_ps(ray.t_min),
-                origin: ray.axes.map(|axis| _mm_set1_ps(o[axis])),
+                origin: ray.axes.map(|axis| _mm_set1_ps(origin[axis])),
                 axes: ray.axes,
                 shear: ray.shear.map(|s| _mm_set1_ps(s)),
             }

@@ -14,6 +14,9 @@ const SMALLEST_SLOPE: f32 = 1e-12;
 /// Relative error that the box test allows for, more than that of its arithmetic.
 const SLACK: f32 = 4.0 * f32::EPSILON;
 
+/// The axis of the largest component and the two others, by whether that is y (first bit) or z (second bit).
+const AXES: [[usize; 3]; 4] = [[0, 1, 2], [1, 2, 0], [2, 0, 1], [2, 0, 1]];
+
 /// Where a ray meets up to four triangles of a block.
 pub(super) struct BlockHits {
     /// One bit per lane.
@@ -92,14 +95,9 @@ impl RayFrame {
         if !(o.is_finite() && d.is_finite() && largest > 0.0) {
             return None;
         }
-        let z = if size.z == largest {
-            2
-        } else if size.y == largest {
-            1
-        } else {
-            0
-        };
-        let (x, y) = ((z + 1) % 3, (z + 2) % 3);
+        // Arrays, because indexing a vector branches on the axis.
+        let [z, x, y] = AXES[usize::from(size.y == largest) | usize::from(size.z == largest) << 1];
+        let slopes = d.to_array();
         let smallest = largest * SMALLEST_SLOPE;
         let slope = |d: f32| if d.abs() < smallest { smallest.copysign(d) } else { d };
         let reciprocal = Vec3::new(slope(d.x), slope(d.y), slope(d.z)).recip();
@@ -111,7 +109,7 @@ impl RayFrame {
             slack: reciprocal.abs() * (o.abs().max_element() * SLACK),
             relative_slack: SLACK,
             axes: [x, y, z],
-            shear: [d[x] / d[z], d[y] / d[z], 1.0 / d[z]],
+            shear: [slopes[x] / slopes[z], slopes[y] / slopes[z], 1.0 / slopes[z]],
         })
     }
 }
@@ -123,6 +121,49 @@ struct Entry {
     child: Child,
 }
 
+/// Children still to be visited.
+struct Stack<'a> {
+    /// Written up to `height`.
+    entries: &'a mut [MaybeUninit<Entry>; STACK],
+    height: usize,
+}
+
+impl Stack<'_> {
+    #[inline(always)]
+    fn push(&mut self, entry: Entry) {
+        debug_assert!(self.height < STACK);
+        // SAFETY: no hierarchy is deeper than `MAX_DEPTH`, so the stack has room.
+        unsafe { self.entries.get_unchecked_mut(self.height).write(entry) };
+        self.height += 1;
+    }
+
+    /// Pushes below all entries from `base` up that are nearer.
+    #[inline(always)]
+    fn push_sorted(&mut self, base: usize, entry: Entry) {
+        let mut at = self.height;
+        while at > base {
+            // SAFETY: the entry lies below `height`.
+            let below = unsafe { self.entries.get_unchecked(at - 1).assume_init() };
+            if below.near >= entry.near {
+                break;
+            }
+            // SAFETY: there is room for one more, as in `push`.
+            unsafe { self.entries.get_unchecked_mut(at).write(below) };
+            at -= 1;
+        }
+        // SAFETY: as above.
+        unsafe { self.entries.get_unchecked_mut(at).write(entry) };
+        self.height += 1;
+    }
+
+    #[inline(always)]
+    fn pop(&mut self) -> Option<Entry> {
+        self.height = self.height.checked_sub(1)?;
+        // SAFETY: entries up to the former height have been written.
+        Some(unsafe { self.entries.get_unchecked(self.height).assume_init() })
+    }
+}
+
 /// Visits everything along the ray until `query` has enough; true if it ended the traversal.
 #[inline(always)]
 pub(super) fn traverse<'b, K: Kernel, Q: Query<'b>>(
@@ -132,90 +173,83 @@ pub(super) fn traverse<'b, K: Kernel, Q: Query<'b>>(
     query: &mut Q,
 ) -> bool {
     let ray = K::prepare(frame);
-    let mut stack = [MaybeUninit::<Entry>::uninit(); STACK];
-    let mut height = 0;
+    let mut stack = Stack { entries: &mut [MaybeUninit::uninit(); STACK], height: 0 };
     let mut child = root;
-    let mut near = [0.0; 8];
     loop {
-        // Go down to a leaf.
         while child.is_inner() {
-            // SAFETY: the builder only links nodes that exist.
-            let node = unsafe { bvh.nodes.get_unchecked(child.index()) };
-            let mut hits = K::boxes(&ray, node, query.limit(), &mut near);
-            if hits == 0 {
-                break;
+            match visit_node::<K, Q>(bvh, child, &ray, query.limit(), &mut stack) {
+                Some(next) => child = next,
+                None => break,
             }
-            let lane = hits.trailing_zeros() as usize;
-            hits &= hits - 1;
-            child = node.child[lane];
-            K::prefetch(bvh, child);
-            if hits == 0 {
-                continue;
-            }
-            let mut nearest = Entry { near: near[lane], child };
-            let base = height;
-            while hits != 0 {
-                let lane = hits.trailing_zeros() as usize;
-                hits &= hits - 1;
-                let mut entry = Entry { near: near[lane], child: node.child[lane] };
-                K::prefetch(bvh, entry.child);
-                if Q::ORDERED {
-                    if entry.near < nearest.near {
-                        std::mem::swap(&mut entry, &mut nearest);
-                    }
-                    // Keep the farthest at the bottom.
-                    let mut at = height;
-                    while at > base {
-                        // SAFETY: entries from `base` to `height` have been written.
-                        let below = unsafe { stack.get_unchecked(at - 1).assume_init() };
-                        if below.near >= entry.near {
-                            break;
-                        }
-                        unsafe {
-                            *stack.get_unchecked_mut(at) = MaybeUninit::new(below);
-                        }
-                        at -= 1;
-                    }
-                    unsafe {
-                        *stack.get_unchecked_mut(at) = MaybeUninit::new(entry);
-                    }
-                } else {
-                    unsafe {
-                        *stack.get_unchecked_mut(height) = MaybeUninit::new(entry);
-                    }
-                }
-                height += 1;
-            }
-            child = nearest.child;
         }
-        if child.is_instance() {
+        if child.is_inner() {
+            // No child was met.
+        } else if child.is_instance() {
             if visit_instance::<K, Q>(bvh, child, frame, query) {
                 return true;
             }
-        } else if !child.is_inner() {
-            // SAFETY: the builder only links blocks that exist.
-            for block in unsafe { bvh.blocks.get_unchecked(child.index()..child.index() + child.blocks()) } {
-                if let Some(hits) = K::triangles(&ray, block, query.limit())
-                    && query.hit(block, hits)
-                {
-                    return true;
-                }
-            }
+        } else if visit_leaf::<K, Q>(bvh, child, &ray, query) {
+            return true;
         }
-        // Next entry that still matters.
-        loop {
-            if height == 0 {
-                return false;
-            }
-            height -= 1;
-            // SAFETY: entries below `height` have been written.
-            let entry = unsafe { stack.get_unchecked(height).assume_init() };
+        child = loop {
+            let Some(entry) = stack.pop() else { return false };
             if !Q::ORDERED || entry.near <= query.limit() {
-                child = entry.child;
-                break;
+                break entry.child;
             }
+        };
+    }
+}
+
+/// Pushes the children that the ray meets, except for one to go on with: the nearest, if order matters.
+#[inline(always)]
+fn visit_node<'b, K: Kernel, Q: Query<'b>>(
+    bvh: &Bvh8,
+    child: Child,
+    ray: &K::Prepared,
+    limit: f32,
+    stack: &mut Stack,
+) -> Option<Child> {
+    // SAFETY: the builder links only nodes that exist.
+    let node = unsafe { bvh.nodes.get_unchecked(child.index()) };
+    let mut near = [0.0; 8];
+    let mut hits = K::boxes(ray, node, limit, &mut near);
+    if hits == 0 {
+        return None;
+    }
+    let take = |hits: &mut u32| {
+        let lane = hits.trailing_zeros() as usize;
+        *hits &= *hits - 1;
+        // SAFETY: masks have eight bits, and this one was not empty.
+        let entry = unsafe { Entry { near: *near.get_unchecked(lane), child: *node.child.get_unchecked(lane) } };
+        K::prefetch(bvh, entry.child);
+        entry
+    };
+    let mut first = take(&mut hits);
+    if hits == 0 {
+        return Some(first.child);
+    }
+    let base = stack.height;
+    while hits != 0 {
+        let entry = take(&mut hits);
+        if !Q::ORDERED {
+            stack.push(entry);
+        } else if entry.near < first.near {
+            stack.push_sorted(base, first);
+            first = entry;
+        } else {
+            stack.push_sorted(base, entry);
         }
     }
+    Some(first.child)
+}
+
+/// Tests the blocks of a leaf; true if the query ended the traversal.
+#[inline(always)]
+fn visit_leaf<'b, K: Kernel, Q: Query<'b>>(bvh: &'b Bvh8, child: Child, ray: &K::Prepared, query: &mut Q) -> bool {
+    let first = child.index();
+    // SAFETY: the builder links only blocks that exist.
+    let blocks = unsafe { bvh.blocks.get_unchecked(first..first + child.blocks()) };
+    blocks.iter().any(|block| K::triangles(ray, block, query.limit()).is_some_and(|hits| query.hit(block, hits)))
 }
 
 /// Traverses the structure of an instance; true if the query ended it.
