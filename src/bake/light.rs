@@ -163,10 +163,10 @@ fn elements(
 /// Area-weighted mean irradiance over all texels, W/m², mean of channels.
 fn mean(texels: &Texels, direct: &[Rgb], tree: &Hierarchy, rest: &[Rgb]) -> f32 {
     let (mut sum, mut area) = (0.0f64, 0.0f64);
-    for t in 0..texels.len() {
+    for (t, (&direct, &a)) in direct.iter().zip(&texels.area).enumerate() {
         let other = tree.element_of(t as u32, Side::Front).map_or(Rgb::ZERO, |e| rest[e as usize]);
-        sum += ((direct[t] + other).element_sum() / 3.0 * texels.area[t]) as f64;
-        area += texels.area[t] as f64;
+        sum += ((direct + other).element_sum() / 3.0 * a) as f64;
+        area += a as f64;
     }
     (sum / area.max(f64::MIN_POSITIVE)) as f32
 }
