@@ -104,7 +104,7 @@ fn damaged_draco_streams_are_errors_that_name_the_primitive() {
 /// The vertex codec of meshopt, version 0, with every byte group stored in full.
 fn encode_meshopt(data: &[u8], stride: usize) -> Vec<u8> {
     let count = data.len() / stride;
-    assert!(count <= (8192 / stride & !15).min(256), "one block is enough here");
+    assert!(count <= ((8192 / stride) & !15).min(256), "one block is enough here");
     let mut out = vec![0xa0];
     let mut last = data[..stride].to_vec();
     for byte in 0..stride {
