@@ -56,7 +56,7 @@ pub fn light(
     counts.rays.insert("shadow".into(), rays);
 
     let (surfels, tree, element_direct, mut irradiance) = clock.measure(Stage::Solve, || {
-        let surfels = Surfels::new(scene, atlas, texels, footprint.covered());
+        let surfels = Surfels::new(scene, atlas, texels, footprint.covered(), footprint.parted());
         let tree = hierarchy(&accel, atlas, &surfels, progress)?;
         let elements = elements(scene, atlas, &surfels, &tree, &emission, &lamps, &direct);
         let survey = solve::survey(&accel, &surfels, &tree, SURVEY_RAYS, progress)?;

@@ -8,6 +8,8 @@ use glam::{Vec2, Vec3};
 const CONTRAST: f32 = 4.0;
 /// So few triangles are always cheaper and exact when sent.
 const FEW: usize = 128;
+/// Where this share of all surfaces emits, every ray finds emitters and sending them gains nothing.
+const MOST: f32 = 0.6;
 /// Triangles of one lamp at most.
 const GROUP: usize = 64;
 
@@ -48,8 +50,11 @@ pub fn classify(scene: &Scene) -> (Emission, Vec<Lamp>) {
             }
         }
     }
-    let mean = mean_exitance(scene, &candidates);
-    let few = candidates.iter().map(|c| c.2.len()).sum::<usize>() <= FEW;
+    let total = surface_area(scene);
+    let sum = |f: &dyn Fn(&EmitterTriangle) -> f32| candidates.iter().flat_map(|c| &c.2).map(f).sum::<f32>();
+    let mean = sum(&|t| t.area * t.radiance.max_element()) / total;
+    let emitting = sum(&|t| t.area) / total;
+    let few = candidates.iter().map(|c| c.2.len()).sum::<usize>() <= FEW && emitting < MOST;
     let mut lamps = Vec::new();
     for (instance, primitive, triangles) in candidates {
         let area: f32 = triangles.iter().map(|t| t.area).sum();
@@ -63,14 +68,13 @@ pub fn classify(scene: &Scene) -> (Emission, Vec<Lamp>) {
     (emission, lamps)
 }
 
-/// Emitted radiance averaged over all surfaces.
-fn mean_exitance(scene: &Scene, candidates: &[(usize, usize, Vec<EmitterTriangle>)]) -> f32 {
-    let total: f32 = (0..scene.instances.len())
+/// Area of all surfaces, m².
+fn surface_area(scene: &Scene) -> f32 {
+    (0..scene.instances.len())
         .flat_map(|i| (0..scene.meshes[scene.instances[i].mesh].triangles.len()).map(move |t| (i, t)))
         .map(|(i, t)| area(scene.corners(i, t)))
-        .sum();
-    let power: f32 = candidates.iter().flat_map(|c| &c.2).map(|t| t.area * t.radiance.max_element()).sum();
-    power / total.max(f32::MIN_POSITIVE)
+        .sum::<f32>()
+        .max(f32::MIN_POSITIVE)
 }
 
 fn area([a, b, c]: [Vec3; 3]) -> f32 {

@@ -28,6 +28,8 @@ pub struct Footprint<'a> {
     open: Vec<f32>,
     /// Texels of which nothing is open.
     covered: Vec<bool>,
+    /// Texels that geometry parts from a neighbour on their chart.
+    parted: Vec<bool>,
 }
 
 impl<'a> Footprint<'a> {
@@ -60,7 +62,8 @@ impl<'a> Footprint<'a> {
         let open: Vec<f32> =
             (0..texels.len() as u32).into_par_iter().map(|t| open_share(accel, atlas, texels, t)).collect();
         let covered = open.iter().map(|&share| share == 0.0).collect();
-        Ok(Self { scene, atlas, texels, cells, hidden, open, covered })
+        let parted = (0..texels.len() as u32).into_par_iter().map(|t| is_parted(accel, atlas, texels, t)).collect();
+        Ok(Self { scene, atlas, texels, cells, hidden, open, covered, parted })
     }
 
     /// True if all of the texel lies inside other geometry.
@@ -71,6 +74,11 @@ impl<'a> Footprint<'a> {
     /// Per texel: true if something stands on it, so that it shares no light with what lies around.
     pub fn covered(&self) -> &[bool] {
         &self.covered
+    }
+
+    /// Per texel: true if geometry parts it from a neighbour on its chart, as a wall does that stands on a floor.
+    pub fn parted(&self) -> &[bool] {
+        &self.parted
     }
 
     /// Per texel: the share of it that nothing stands on, 0..=1. Only that part is seen by others.
@@ -167,6 +175,24 @@ fn open_share(accel: &Accel, atlas: &Atlas, texels: &Texels, texel: u32) -> f32 
 fn is_covered(accel: &Accel, position: Vec3, normal: Vec3, near: f32) -> bool {
     let ray = Ray { origin: offset_origin(position, normal), direction: normal, t_min: 0.0, t_max: f32::INFINITY };
     accel.closest(&ray).is_some_and(|hit| hit.normal.dot(normal) > 0.0 || hit.t < near)
+}
+
+/// True if something lies between the texel and one of its four neighbours.
+fn is_parted(accel: &Accel, atlas: &Atlas, texels: &Texels, texel: u32) -> bool {
+    let t = texel as usize;
+    let width = texels.area[t].sqrt();
+    if !near_surface(accel, texels.position[t], texels.geometric_normal[t], width) {
+        return false;
+    }
+    let chart = texels.chart[t] as usize;
+    let page = &texels.pages[atlas.charts[chart].page];
+    let centre = Vec2::new(texels.pixel[t][0] as f32, texels.pixel[t][1] as f32) + 0.5;
+    let raised = |i: usize| offset_origin(texels.position[i], texels.geometric_normal[i]);
+    [Vec2::X, -Vec2::X, Vec2::Y, -Vec2::Y].iter().filter_map(|&step| page.at(centre + step)).any(|n| {
+        let v = raised(n as usize) - raised(t);
+        let ray = Ray { origin: raised(t), direction: v.normalize_or_zero(), t_min: 0.0, t_max: v.length() };
+        texels.chart[n as usize] as usize == chart && accel.occluded(&ray)
+    })
 }
 
 /// True if another surface crosses the texel: something lies within a texel's reach across the surface.

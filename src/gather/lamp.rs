@@ -304,9 +304,8 @@ mod tests {
     #[test]
     fn irradiance_below_each_lamp() {
         let one = Rgb::ONE;
-        let square = 4.0 * ((1.0f32 / 2.0).atan2(5f32.sqrt() / 2.0) / 5f32.sqrt());
         let got = below(LightShape::Rect { radiance: one, size: [2.0, 2.0], spread: PI });
-        assert!((got - 2.0 * square).abs() < 1e-3, "{got}");
+        assert!((got - PI * 0.2394565).abs() < 1e-5, "{got}");
         let got = below(LightShape::Disk { radiance: one, size: [2.0, 2.0], spread: PI });
         assert!((got - PI / 5.0).abs() < 2e-3, "{got}");
         assert!((below(LightShape::Point { intensity: one, radius: 0.0 }) - 0.25).abs() < 1e-6);

@@ -144,7 +144,9 @@ impl Builder<'_, '_> {
         let differing = 64 - (key(range.start) ^ key(range.end - 1)).leading_zeros();
         let shift = differing.next_multiple_of(2);
         let node = self.open();
-        if shift <= ELEMENT_BITS {
+        // An element that reached through a wall would carry light through it.
+        let parted = range.len() > 1 && range.clone().any(|s| self.surfels.is_parted(s));
+        if shift <= ELEMENT_BITS && !parted {
             let e = self.tree.elements.len() as u32;
             let table = if side == Side::Front { &mut self.tree.front } else { &mut self.tree.back };
             table[range.start as usize..range.end as usize].fill(e);

@@ -16,6 +16,8 @@ pub struct Surfels<'a> {
     pub texels: &'a Texels,
     /// Per texel: true if something stands on it.
     covered: &'a [bool],
+    /// Per texel: true if geometry parts it from a neighbour.
+    parted: &'a [bool],
     patches: Patches,
 }
 
@@ -55,8 +57,8 @@ pub struct Surface {
 
 impl<'a> Surfels<'a> {
     /// Collects texels, and patches no larger than the scene's extent over 64 along an edge. `covered` marks texels
-    /// that something stands on.
-    pub fn new(scene: &Scene, atlas: &Atlas, texels: &'a Texels, covered: &'a [bool]) -> Self {
+    /// that something stands on, `parted` those that geometry parts from a neighbour.
+    pub fn new(scene: &Scene, atlas: &Atlas, texels: &'a Texels, covered: &'a [bool], parted: &'a [bool]) -> Self {
         let mut patches = Patches { triangles: vec![Vec::new(); scene.instances.len()], ..Patches::default() };
         let target = extent(scene) / 64.0;
         for (instance, layout) in atlas.layouts.iter().enumerate() {
@@ -64,7 +66,7 @@ impl<'a> Surfels<'a> {
                 patches.add_instance(scene, instance, target);
             }
         }
-        Self { texels, covered, patches }
+        Self { texels, covered, parted, patches }
     }
 
     /// Number of surfels.
@@ -108,6 +110,11 @@ impl<'a> Surfels<'a> {
     /// True if something stands on the surfel.
     pub fn is_covered(&self, s: u32) -> bool {
         self.covered.get(s as usize).is_some_and(|&c| c)
+    }
+
+    /// True if geometry parts the surfel from a neighbour, so that the two must not share an element.
+    pub fn is_parted(&self, s: u32) -> bool {
+        self.parted.get(s as usize).is_some_and(|&c| c)
     }
 
     /// Area that takes part in the exchange of light, m².
