@@ -56,7 +56,7 @@ pub fn light(
     counts.rays.insert("shadow".into(), rays);
 
     let (surfels, tree, element_direct, mut irradiance) = clock.measure(Stage::Solve, || {
-        let surfels = Surfels::new(scene, atlas, texels, footprint.covered(), footprint.parted());
+        let surfels = Surfels::new(scene, atlas, texels, footprint.covered(), footprint.parted(), footprint.crossed());
         let tree = hierarchy(&accel, atlas, &surfels, progress)?;
         let elements = elements(scene, atlas, &surfels, &tree, &emission, &lamps, &direct);
         let survey = solve::survey(&accel, &surfels, &tree, SURVEY_RAYS, progress)?;
@@ -79,24 +79,15 @@ pub fn light(
                 &surfels,
                 &tree,
                 &emission,
-                footprint.open(),
+                &footprint,
                 &direct,
                 &element_direct,
                 &irradiance,
             );
             irradiance = gather::element_rest(&source, &surfels, &tree, pass, progress)?;
         }
-        let source = Source::new(
-            &accel,
-            atlas,
-            &surfels,
-            &tree,
-            &emission,
-            footprint.open(),
-            &direct,
-            &element_direct,
-            &irradiance,
-        );
+        let source =
+            Source::new(&accel, atlas, &surfels, &tree, &emission, &footprint, &direct, &element_direct, &irradiance);
         let floor = 0.1 * mean(texels, &direct, &tree, &irradiance);
         gather::indirect(&source, atlas, texels, &footprint, &cell_settings(error, floor), progress)
     })?;

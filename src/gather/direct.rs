@@ -116,12 +116,7 @@ impl Lamps<'_> {
                 continue;
             }
             rays += 1;
-            let ray = Ray {
-                origin: offset_origin(p.position, p.geometric_normal),
-                direction: sample.direction,
-                t_min: 0.0,
-                t_max: sample.distance * (1.0 - SELF_INTERSECTION),
-            };
+            let ray = shadow_ray(&p, sample.direction, sample.distance);
             if !lamp_ref.casts_shadows || !self.accel.occluded(&ray) {
                 sum.open += sample.weight;
             }
@@ -146,6 +141,18 @@ impl Lamps<'_> {
         }
         total
     }
+}
+
+/// The segment from just above a surface point to what lies at `distance` along `direction` from the point itself: aimed
+/// anew, so that at grazing angles the lifted ray does not pierce the lamp's own surface early.
+fn shadow_ray(p: &SurfacePoint, direction: glam::Vec3, distance: f32) -> Ray {
+    let origin = offset_origin(p.position, p.geometric_normal);
+    if distance.is_infinite() {
+        return Ray { origin, direction, t_min: 0.0, t_max: f32::INFINITY };
+    }
+    let v = p.position + direction * distance - origin;
+    let length = v.length();
+    Ray { origin, direction: v / length.max(f32::MIN_POSITIVE), t_min: 0.0, t_max: length * (1.0 - SELF_INTERSECTION) }
 }
 
 /// Irradiance of every texel straight from the lamps, W/m², and the number of rays cast.

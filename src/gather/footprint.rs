@@ -30,6 +30,8 @@ pub struct Footprint<'a> {
     covered: Vec<bool>,
     /// Texels that geometry parts from a neighbour on their chart.
     parted: Vec<bool>,
+    /// Texels that geometry crosses, so that their two sides see different light.
+    crossed: Vec<bool>,
 }
 
 impl<'a> Footprint<'a> {
@@ -62,8 +64,9 @@ impl<'a> Footprint<'a> {
         let open: Vec<f32> =
             (0..texels.len() as u32).into_par_iter().map(|t| open_share(accel, atlas, texels, t)).collect();
         let covered = open.iter().map(|&share| share == 0.0).collect();
+        let crossed = (0..texels.len() as u32).into_par_iter().map(|t| is_crossed(accel, texels, t)).collect();
         let parted = (0..texels.len() as u32).into_par_iter().map(|t| is_parted(accel, atlas, texels, t)).collect();
-        Ok(Self { scene, atlas, texels, cells, hidden, open, covered, parted })
+        Ok(Self { scene, atlas, texels, cells, hidden, open, covered, parted, crossed })
     }
 
     /// True if all of the texel lies inside other geometry.
@@ -74,6 +77,29 @@ impl<'a> Footprint<'a> {
     /// Per texel: true if something stands on it, so that it shares no light with what lies around.
     pub fn covered(&self) -> &[bool] {
         &self.covered
+    }
+
+    /// The texel that shows what is to be seen at page coordinate `p` inside `texel`: itself, or where geometry crosses
+    /// it the neighbour on the same side.
+    pub fn seen_at(&self, texel: u32, p: Vec2) -> u32 {
+        let t = texel as usize;
+        if !self.crossed[t] {
+            return texel;
+        }
+        let chart = self.texels.chart[t];
+        let page = &self.texels.pages[self.atlas.charts[chart as usize].page];
+        let centre = Vec2::new(self.texels.pixel[t][0] as f32, self.texels.pixel[t][1] as f32) + 0.5;
+        let steps = [Vec2::X, -Vec2::X, Vec2::Y, -Vec2::Y].map(|step| (step.dot(p - centre), step));
+        let neighbours = steps.iter().filter(|(along, _)| *along > 0.0).filter_map(|&(along, step)| {
+            let n = page.at(centre + step)?;
+            (self.texels.chart[n as usize] == chart && !self.crossed[n as usize]).then_some((along, n))
+        });
+        neighbours.max_by(|a, b| a.0.total_cmp(&b.0)).map_or(texel, |(_, n)| n)
+    }
+
+    /// Per texel: true if geometry crosses it.
+    pub fn crossed(&self) -> &[bool] {
+        &self.crossed
     }
 
     /// Per texel: true if geometry parts it from a neighbour on its chart, as a wall does that stands on a floor.
@@ -195,7 +221,13 @@ fn is_parted(accel: &Accel, atlas: &Atlas, texels: &Texels, texel: u32) -> bool 
     })
 }
 
-/// True if another surface crosses the texel: something lies within a texel's reach across the surface.
+/// True if geometry stands between the texel's middle and its border.
+fn is_crossed(accel: &Accel, texels: &Texels, texel: u32) -> bool {
+    let t = texel as usize;
+    near_surface(accel, texels.position[t], texels.geometric_normal[t], 0.5 * texels.area[t].sqrt())
+}
+
+/// True if something lies within `reach` across the surface.
 fn near_surface(accel: &Accel, position: Vec3, normal: Vec3, reach: f32) -> bool {
     let (x, y) = orthonormal_basis(normal);
     let origin = offset_origin(position, normal);

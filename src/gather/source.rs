@@ -1,6 +1,7 @@
 //! What a gather ray sees: the radiance of the coarse solution, refined by each texel's own direct light.
 
 use super::emitters::Emission;
+use super::footprint::Footprint;
 use crate::accel::{Accel, Hit, Ray};
 use crate::atlas::Atlas;
 use crate::hierarchy::{Hierarchy, Side, Surfels};
@@ -21,6 +22,7 @@ pub struct Source<'a> {
     surfels: &'a Surfels<'a>,
     hierarchy: &'a Hierarchy,
     emission: &'a Emission,
+    footprint: &'a Footprint<'a>,
     /// Reflected radiance of every surfel's front, W/(m²·sr).
     front: Vec<[f16; 3]>,
     /// Reflected radiance of every element, W/(m²·sr).
@@ -30,7 +32,7 @@ pub struct Source<'a> {
 }
 
 impl<'a> Source<'a> {
-    /// `open` is the share of every texel that nothing stands on; `direct` is the irradiance of every texel straight from lamps; `element_direct` and `element_rest` are the
+    /// `direct` is the irradiance of every texel straight from lamps; `element_direct` and `element_rest` are the
     /// irradiance of every element from lamps and from everything else, all in W/m².
     pub fn new(
         accel: &'a Accel<'a>,
@@ -38,7 +40,7 @@ impl<'a> Source<'a> {
         surfels: &'a Surfels<'a>,
         hierarchy: &'a Hierarchy,
         emission: &'a Emission,
-        open: &[f32],
+        footprint: &'a Footprint<'a>,
         direct: &[Rgb],
         element_direct: &[Rgb],
         element_rest: &[Rgb],
@@ -50,7 +52,7 @@ impl<'a> Source<'a> {
                 let Some(e) = hierarchy.element_of(s, Side::Front) else { return [f16::ZERO; 3] };
                 // A texel's irradiance is the mean with what is covered and dark; others see only the open part.
                 let own = match direct.get(s as usize) {
-                    Some(&mean) => mean / open[s as usize].max(LEAST_OPEN),
+                    Some(&mean) => mean / footprint.open()[s as usize].max(LEAST_OPEN),
                     None => element_direct[e as usize],
                 };
                 // What something stands on does not share in what the element's open part receives.
@@ -76,7 +78,7 @@ impl<'a> Source<'a> {
                 (sum / area.max(f32::MIN_POSITIVE), area)
             })
             .unzip();
-        Self { accel, atlas, surfels, hierarchy, emission, front, elements, areas }
+        Self { accel, atlas, surfels, hierarchy, emission, footprint, front, elements, areas }
     }
 
     /// Radiance arriving along a ray that stands for `solid_angle` sr, and the distance to where it comes from.
@@ -103,6 +105,10 @@ impl<'a> Source<'a> {
             Rgb::ZERO
         };
         let Some(surfel) = self.surfels.at(self.atlas, instance, triangle, hit.barycentric) else { return own };
+        let surfel = match self.atlas.locate(instance, triangle, hit.barycentric) {
+            Some((_, p)) => self.footprint.seen_at(surfel, p),
+            None => surfel,
+        };
         let Some(element) = self.hierarchy.element_of(surfel, side) else { return own };
         let footprint = solid_angle * hit.t * hit.t / cosine.abs().max(0.05);
         // The ray stands for a patch of the surface: its mean is what the ray should bring, not one texel of it.

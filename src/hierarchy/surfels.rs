@@ -18,11 +18,13 @@ pub struct Surfels<'a> {
     covered: &'a [bool],
     /// Per texel: true if geometry parts it from a neighbour.
     parted: &'a [bool],
+    /// Per texel: true if geometry crosses it.
+    crossed: &'a [bool],
     patches: Patches,
 }
 
-/// What is left of the area of a surfel that something stands on: it neither sees nor is seen, but it must not vanish
-/// from an element that has no other.
+/// What is left of the area of a surfel that something stands on or crosses: it says little of what is seen, but it
+/// must not vanish from an element that has no other.
 const COVERED: f32 = 1e-3;
 
 /// Pieces of the triangles of instances without a lightmap. Structure of arrays.
@@ -57,8 +59,15 @@ pub struct Surface {
 
 impl<'a> Surfels<'a> {
     /// Collects texels, and patches no larger than the scene's extent over 64 along an edge. `covered` marks texels
-    /// that something stands on, `parted` those that geometry parts from a neighbour.
-    pub fn new(scene: &Scene, atlas: &Atlas, texels: &'a Texels, covered: &'a [bool], parted: &'a [bool]) -> Self {
+    /// that something stands on, `parted` those that geometry parts from a neighbour, `crossed` those that it crosses.
+    pub fn new(
+        scene: &Scene,
+        atlas: &Atlas,
+        texels: &'a Texels,
+        covered: &'a [bool],
+        parted: &'a [bool],
+        crossed: &'a [bool],
+    ) -> Self {
         let mut patches = Patches { triangles: vec![Vec::new(); scene.instances.len()], ..Patches::default() };
         let target = extent(scene) / 64.0;
         for (instance, layout) in atlas.layouts.iter().enumerate() {
@@ -66,7 +75,7 @@ impl<'a> Surfels<'a> {
                 patches.add_instance(scene, instance, target);
             }
         }
-        Self { texels, covered, parted, patches }
+        Self { texels, covered, parted, crossed, patches }
     }
 
     /// Number of surfels.
@@ -119,7 +128,8 @@ impl<'a> Surfels<'a> {
 
     /// Area that takes part in the exchange of light, m².
     pub fn area(&self, s: u32) -> f32 {
-        let texel = |t: &Texels, i: usize| if self.covered[i] { COVERED * t.area[i] } else { t.area[i] };
+        let texel =
+            |t: &Texels, i: usize| if self.covered[i] || self.crossed[i] { COVERED * t.area[i] } else { t.area[i] };
         self.pick(s, texel, |p, i| p.area[i])
     }
 
