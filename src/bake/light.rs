@@ -21,9 +21,6 @@ const SURVEY_RAYS: u32 = 64;
 /// Shadow rays per lamp of an element that has no texels of its own.
 const ELEMENT_RAYS: u32 = 16;
 
-/// Bounces by rays that refine the solution before the final gather.
-const BOUNCES: u32 = 2;
-
 /// What the lighting stages did.
 #[derive(Clone, Debug, Default)]
 pub struct Counts {
@@ -55,7 +52,7 @@ pub fn light(
     })?;
     counts.rays.insert("shadow".into(), rays);
 
-    let (surfels, tree, element_direct, mut irradiance) = clock.measure(Stage::Solve, || {
+    let (surfels, tree, element_direct, irradiance) = clock.measure(Stage::Solve, || {
         let surfels = Surfels::new(scene, atlas, texels, footprint.covered(), footprint.parted(), footprint.crossed());
         let tree = hierarchy(&accel, atlas, &surfels, progress)?;
         let elements = elements(scene, atlas, &surfels, &tree, &emission, &lamps, &direct);
@@ -68,24 +65,15 @@ pub fn light(
         counts.solver.iterations = solution.iterations;
         counts.rays.insert("link".into(), solution.rays);
         counts.rays.insert("survey".into(), survey.rays + (BACK_RAYS as usize * tree.elements.len()) as u64);
-        Ok((surfels, tree, elements.direct, solution.irradiance))
+        let none = vec![Rgb::ZERO; tree.elements.len()];
+        let lit = Source::new(&accel, atlas, &surfels, &tree, &emission, &footprint, &direct, &elements.direct, &none);
+        let (irradiance, rays) =
+            gather::bounce(&lit, &surfels, &tree, &elements.reflectance, solution.irradiance, progress)?;
+        counts.rays.insert("bounce".into(), rays);
+        Ok((surfels, tree, elements.direct, irradiance))
     })?;
 
     let indirect = clock.measure(Stage::Gather, || {
-        for pass in 0..BOUNCES {
-            let source = Source::new(
-                &accel,
-                atlas,
-                &surfels,
-                &tree,
-                &emission,
-                &footprint,
-                &direct,
-                &element_direct,
-                &irradiance,
-            );
-            irradiance = gather::element_rest(&source, &surfels, &tree, pass, progress)?;
-        }
         let source =
             Source::new(&accel, atlas, &surfels, &tree, &emission, &footprint, &direct, &element_direct, &irradiance);
         let floor = 0.1 * mean(texels, &direct, &tree, &irradiance);

@@ -64,7 +64,7 @@ impl<'a> Footprint<'a> {
         let open: Vec<f32> =
             (0..texels.len() as u32).into_par_iter().map(|t| open_share(accel, atlas, texels, t)).collect();
         let covered = open.iter().map(|&share| share == 0.0).collect();
-        let crossed = (0..texels.len() as u32).into_par_iter().map(|t| is_crossed(accel, texels, t)).collect();
+        let crossed = (0..texels.len() as u32).into_par_iter().map(|t| is_crossed(accel, atlas, texels, t)).collect();
         let parted = (0..texels.len() as u32).into_par_iter().map(|t| is_parted(accel, atlas, texels, t)).collect();
         Ok(Self { scene, atlas, texels, cells, hidden, open, covered, parted, crossed })
     }
@@ -214,17 +214,30 @@ fn is_parted(accel: &Accel, atlas: &Atlas, texels: &Texels, texel: u32) -> bool 
     let page = &texels.pages[atlas.charts[chart].page];
     let centre = Vec2::new(texels.pixel[t][0] as f32, texels.pixel[t][1] as f32) + 0.5;
     let raised = |i: usize| offset_origin(texels.position[i], texels.geometric_normal[i]);
-    [Vec2::X, -Vec2::X, Vec2::Y, -Vec2::Y].iter().filter_map(|&step| page.at(centre + step)).any(|n| {
-        let v = raised(n as usize) - raised(t);
-        let ray = Ray { origin: raised(t), direction: v.normalize_or_zero(), t_min: 0.0, t_max: v.length() };
-        texels.chart[n as usize] as usize == chart && accel.occluded(&ray)
-    })
+    [Vec2::X, -Vec2::X, Vec2::Y, -Vec2::Y]
+        .iter()
+        .filter_map(|&step| page.at(centre + step))
+        .any(|n| texels.chart[n as usize] as usize == chart && is_between(accel, raised(t), raised(n as usize)))
 }
 
 /// True if geometry stands between the texel's middle and its border.
-fn is_crossed(accel: &Accel, texels: &Texels, texel: u32) -> bool {
+fn is_crossed(accel: &Accel, atlas: &Atlas, texels: &Texels, texel: u32) -> bool {
     let t = texel as usize;
-    near_surface(accel, texels.position[t], texels.geometric_normal[t], 0.5 * texels.area[t].sqrt())
+    let normal = texels.geometric_normal[t];
+    if !near_surface(accel, texels.position[t], normal, 0.5 * texels.area[t].sqrt()) {
+        return false;
+    }
+    let centre = offset_origin(texels.position[t], normal);
+    [(0.02, 0.5), (0.98, 0.5), (0.5, 0.02), (0.5, 0.98)]
+        .iter()
+        .filter_map(|&(x, y)| texels.sample(accel.scene(), atlas, texel, Vec2::new(x, y)))
+        .any(|p| is_between(accel, centre, offset_origin(p.position, p.geometric_normal)))
+}
+
+/// True if something lies on the segment.
+fn is_between(accel: &Accel, from: Vec3, to: Vec3) -> bool {
+    let v = to - from;
+    accel.occluded(&Ray { origin: from, direction: v.normalize_or_zero(), t_min: 0.0, t_max: v.length() })
 }
 
 /// True if something lies within `reach` across the surface.

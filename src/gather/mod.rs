@@ -1,5 +1,6 @@
 //! Final gather: irradiance per texel from lamps (sent, with shared visibility) and from everything else (probed).
 
+mod bounce;
 mod cells;
 mod direct;
 mod emitters;
@@ -8,12 +9,13 @@ mod lamp;
 mod probe;
 mod source;
 
+pub use bounce::bounce;
 pub use cells::{CellSettings, indirect};
 pub use direct::{DirectSettings, Lamps, element_direct, texel_direct};
 pub use emitters::{Emission, classify};
 pub use footprint::Footprint;
 pub use lamp::Lamp;
-pub use probe::{Probe, ProbeSettings, element_rest};
+pub use probe::{Probe, ProbeSettings};
 pub use source::Source;
 
 use crate::scene::Rgb;

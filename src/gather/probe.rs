@@ -3,11 +3,8 @@
 use super::footprint::Footprint;
 use super::source::Source;
 use crate::accel::offset_origin;
-use crate::hierarchy::{Hierarchy, Surfels};
-use crate::math::{Sequence, cosine_hemisphere, hash2, hash3};
-use crate::progress::{Cancelled, Progress};
+use crate::math::{Sequence, cosine_hemisphere, hash2};
 use crate::scene::Rgb;
-use rayon::prelude::*;
 use std::f32::consts::PI;
 
 /// How many rays a probe casts.
@@ -59,9 +56,9 @@ impl Probe {
                     // Cosine-weighted rays stand for more of the view towards the horizon.
                     let cosine = direction.dot(p.shading_normal).max(0.05);
                     let solid_angle = PI / (settings.round as f32 * cosine);
-                    let (radiance, distance) = source.radiance(origin, direction, solid_angle);
-                    *half += radiance;
-                    inverse += 1.0 / distance.max(1e-6);
+                    let seen = source.look(origin, direction, solid_angle);
+                    *half += seen.radiance;
+                    inverse += 1.0 / seen.distance.max(1e-6);
                 }
             }
             rays += settings.round;
@@ -77,36 +74,4 @@ impl Probe {
         }
         Self { irradiance: sum * (PI / rays as f32), distance: rays as f32 / inverse.max(1e-12), error, rays }
     }
-}
-
-/// Rays per element and pass.
-const ELEMENT_RAYS: u32 = 64;
-
-/// Irradiance of every element from everything but lamps, W/m², by stratified rays into the coarse solution. One such
-/// bounce takes out most of what clusters and piecewise constant links got wrong, where it matters: in what the final
-/// gather sees.
-pub fn element_rest(
-    source: &Source,
-    surfels: &Surfels,
-    tree: &Hierarchy,
-    pass: u32,
-    progress: &dyn Progress,
-) -> Result<Vec<Rgb>, Cancelled> {
-    (0..tree.elements.len() as u32)
-        .into_par_iter()
-        .map(|e| {
-            let node = tree.elements[e as usize].node;
-            let sequence = Sequence::new(hash3(e, 0xe1e3, pass));
-            let mut sum = Rgb::ZERO;
-            for i in 0..ELEMENT_RAYS {
-                let (surfel, side) = tree.sample(surfels, node, sequence.second(i).x);
-                let normal = tree.normal(surfels, surfel, side);
-                let direction = cosine_hemisphere(normal, sequence.first(i));
-                let origin = offset_origin(surfels.position(surfel), normal);
-                let solid_angle = PI / (ELEMENT_RAYS as f32 * direction.dot(normal).max(0.05));
-                sum += source.radiance(origin, direction, solid_angle).0;
-            }
-            if progress.is_cancelled() { Err(Cancelled) } else { Ok(sum * (PI / ELEMENT_RAYS as f32)) }
-        })
-        .collect()
 }

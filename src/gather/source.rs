@@ -14,6 +14,17 @@ use std::f32::consts::FRAC_1_PI;
 /// Below this share the open part of a texel is too small to be known well.
 const LEAST_OPEN: f32 = 0.25;
 
+/// What a ray sees.
+#[derive(Clone, Copy, Debug)]
+pub struct Seen {
+    /// W/(m²·sr).
+    pub radiance: Rgb,
+    /// Distance to where it comes from, metres.
+    pub distance: f32,
+    /// The element that reflects it, if that shares in the element's irradiance.
+    pub element: Option<u32>,
+}
+
 /// The scene as a source of light.
 pub struct Source<'a> {
     /// Ray queries.
@@ -81,35 +92,39 @@ impl<'a> Source<'a> {
         Self { accel, atlas, surfels, hierarchy, emission, footprint, front, elements, areas }
     }
 
-    /// Radiance arriving along a ray that stands for `solid_angle` sr, and the distance to where it comes from.
-    pub fn radiance(&self, origin: Vec3, direction: Vec3, solid_angle: f32) -> (Rgb, f32) {
+    /// What is seen along a ray that stands for `solid_angle` sr.
+    pub fn look(&self, origin: Vec3, direction: Vec3, solid_angle: f32) -> Seen {
         let ray = Ray { origin, direction, t_min: 0.0, t_max: f32::INFINITY };
         match self.accel.closest(&ray) {
-            Some(hit) => (self.leaving(&hit, direction, solid_angle), hit.t),
-            None => (self.accel.scene().environment.radiance(direction), f32::INFINITY),
+            Some(hit) => self.leaving(&hit, direction, solid_angle),
+            None => {
+                let radiance = self.accel.scene().environment.radiance(direction);
+                Seen { radiance, distance: f32::INFINITY, element: None }
+            }
         }
     }
 
-    /// Radiance that leaves a hit point against `direction`.
-    fn leaving(&self, hit: &Hit, direction: Vec3, solid_angle: f32) -> Rgb {
+    /// What a hit point sends against `direction`.
+    fn leaving(&self, hit: &Hit, direction: Vec3, solid_angle: f32) -> Seen {
         let scene = self.accel.scene();
         let (instance, triangle) = (hit.instance as usize, hit.triangle as usize);
         let cosine = -hit.normal.dot(direction);
         let side = if cosine >= 0.0 { Side::Front } else { Side::Back };
         if side == Side::Back && !scene.material_of(scene.instances[instance].mesh, triangle).double_sided {
-            return Rgb::ZERO;
+            return Seen { radiance: Rgb::ZERO, distance: hit.t, element: None };
         }
         let own = if self.emission.is_seen(scene, instance, triangle) {
             scene.emission_at(instance, triangle, hit.barycentric)
         } else {
             Rgb::ZERO
         };
-        let Some(surfel) = self.surfels.at(self.atlas, instance, triangle, hit.barycentric) else { return own };
+        let dark = Seen { radiance: own, distance: hit.t, element: None };
+        let Some(surfel) = self.surfels.at(self.atlas, instance, triangle, hit.barycentric) else { return dark };
         let surfel = match self.atlas.locate(instance, triangle, hit.barycentric) {
             Some((_, p)) => self.footprint.seen_at(surfel, p),
             None => surfel,
         };
-        let Some(element) = self.hierarchy.element_of(surfel, side) else { return own };
+        let Some(element) = self.hierarchy.element_of(surfel, side) else { return dark };
         let footprint = solid_angle * hit.t * hit.t / cosine.abs().max(0.05);
         // The ray stands for a patch of the surface: its mean is what the ray should bring, not one texel of it.
         let reflected = if side == Side::Back || footprint > self.areas[element as usize] {
@@ -117,6 +132,8 @@ impl<'a> Source<'a> {
         } else {
             Rgb::from_array(self.front[surfel as usize].map(f16::to_f32))
         };
-        own + reflected
+        let shut =
+            side == Side::Front && self.surfels.is_covered(surfel) && self.hierarchy.is_open(self.surfels, element);
+        Seen { radiance: own + reflected, distance: hit.t, element: (!shut).then_some(element) }
     }
 }
