@@ -71,9 +71,17 @@ fn ray_sets(accel: &Accel) -> Vec<RaySet> {
         free(a.0, way.normalize(), way.length())
     };
     let pairs = (0..RAYS).map(|i| between(point(i), sources[i % sources.len()].0)).collect();
-    // Eight neighbours look at eight points of one small patch.
-    let tiles =
-        (0..RAYS).map(|i| between(point(i), sources[i / 8 % sources.len()].0 + 0.1 * random.sphere())).collect();
+    // Eight points of one tile look at eight points of one element.
+    let tiles = (0..RAYS)
+        .map(|i| {
+            let (p, n) = point(i / 8 * 8);
+            let jitter = random.sphere();
+            between(
+                (p + 0.2 * (jitter - n * n.dot(jitter)), n),
+                sources[i / 8 % sources.len()].0 + 0.2 * random.sphere(),
+            )
+        })
+        .collect();
     vec![
         RaySet { name: "primary", any: false, rays: primary },
         RaySet { name: "bounce", any: false, rays: bounce },

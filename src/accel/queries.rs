@@ -145,10 +145,13 @@ impl<'a> Query<'a> for Occluded<'a> {
 
     #[inline(always)]
     fn hit(&mut self, block: &'a Tri4, hits: BlockHits) -> bool {
-        lanes(hits.mask).any(|lane| {
+        for lane in lanes(hits.mask) {
             let stored = Stored { placed: self.placed, block, lane };
-            stored.is_solid(self.scene, Vec2::new(hits.v[lane], hits.w[lane]))
-        })
+            if stored.is_solid(self.scene, Vec2::new(hits.v[lane], hits.w[lane])) {
+                return true;
+            }
+        }
+        false
     }
 }
 

@@ -80,12 +80,15 @@ impl Kernel for Scalar {
         let [kx, ky, kz] = ray.axes;
         for lane in 0..Tri4::LANES {
             // Corners relative to the origin, sheared so that the ray runs along z.
-            let [[ax, ay, az], [bx, by, bz], [cx, cy, cz]] = block.corners.map(|rows| {
+            let corner = |rows: &[[f32; 4]; 3]| {
                 let z = rows[kz][lane] - ray.origin[kz];
                 let x = rows[kx][lane] - ray.origin[kx] - ray.shear[0] * z;
                 let y = rows[ky][lane] - ray.origin[ky] - ray.shear[1] * z;
                 [x, y, z]
-            });
+            };
+            let [ax, ay, az] = corner(&block.corners[0]);
+            let [bx, by, bz] = corner(&block.corners[1]);
+            let [cx, cy, cz] = corner(&block.corners[2]);
             let u = cx * by - cy * bx;
             let v = ax * cy - ay * cx;
             let w = bx * ay - by * ax;

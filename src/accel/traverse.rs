@@ -128,13 +128,26 @@ struct Stack<'a> {
     height: usize,
 }
 
-impl Stack<'_> {
+impl<'a> Stack<'a> {
+    /// An empty stack in the given memory.
+    #[inline(always)]
+    fn new(entries: &'a mut [MaybeUninit<Entry>; STACK]) -> Self {
+        Self { entries, height: 0 }
+    }
+
     #[inline(always)]
     fn push(&mut self, entry: Entry) {
         debug_assert!(self.height < STACK);
         // SAFETY: no hierarchy is deeper than `MAX_DEPTH`, so the stack has room.
         unsafe { self.entries.get_unchecked_mut(self.height).write(entry) };
         self.height += 1;
+    }
+
+    #[inline(always)]
+    fn pop(&mut self) -> Option<Entry> {
+        self.height = self.height.checked_sub(1)?;
+        // SAFETY: entries up to the former height have been written.
+        Some(unsafe { self.entries.get_unchecked(self.height).assume_init() })
     }
 
     /// Pushes below all entries from `base` up that are nearer.
@@ -155,13 +168,6 @@ impl Stack<'_> {
         unsafe { self.entries.get_unchecked_mut(at).write(entry) };
         self.height += 1;
     }
-
-    #[inline(always)]
-    fn pop(&mut self) -> Option<Entry> {
-        self.height = self.height.checked_sub(1)?;
-        // SAFETY: entries up to the former height have been written.
-        Some(unsafe { self.entries.get_unchecked(self.height).assume_init() })
-    }
 }
 
 /// Visits everything along the ray until `query` has enough; true if it ended the traversal.
@@ -173,7 +179,8 @@ pub(super) fn traverse<'b, K: Kernel, Q: Query<'b>>(
     query: &mut Q,
 ) -> bool {
     let ray = K::prepare(frame);
-    let mut stack = Stack { entries: &mut [MaybeUninit::uninit(); STACK], height: 0 };
+    let mut entries = [MaybeUninit::uninit(); STACK];
+    let mut stack = Stack::new(&mut entries);
     let mut child = root;
     loop {
         while child.is_inner() {
@@ -249,7 +256,15 @@ fn visit_leaf<'b, K: Kernel, Q: Query<'b>>(bvh: &'b Bvh8, child: Child, ray: &K:
     let first = child.index();
     // SAFETY: the builder links only blocks that exist.
     let blocks = unsafe { bvh.blocks.get_unchecked(first..first + child.blocks()) };
-    blocks.iter().any(|block| K::triangles(ray, block, query.limit()).is_some_and(|hits| query.hit(block, hits)))
+    // A plain loop, because iterator adapters may stay calls, and those lack the kernel's instructions.
+    for block in blocks {
+        if let Some(hits) = K::triangles(ray, block, query.limit())
+            && query.hit(block, hits)
+        {
+            return true;
+        }
+    }
+    false
 }
 
 /// Traverses the structure of an instance; true if the query ended it.
