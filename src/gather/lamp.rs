@@ -1,7 +1,7 @@
 //! A lamp as the receiver sees it: unoccluded irradiance in closed form, and points to test visibility to.
 
 use crate::math::{orthonormal_basis, uniform_disk};
-use crate::scene::{Light, LightShape, Rgb};
+use crate::scene::{Falloff, Light, LightShape, Rgb, spot_attenuation};
 use crate::transport::form_factor;
 use glam::{Vec2, Vec3};
 use std::f32::consts::PI;
@@ -102,22 +102,18 @@ pub struct EmitterTriangle {
 pub struct Beam {
     /// Unit axis.
     pub axis: Vec3,
-    /// Cosine of the half angle.
-    pub cos_outer: f32,
+    /// Half angle, radians.
+    pub outer: f32,
     /// Share of the cone that fades.
     pub blend: f32,
+    /// Curve of the fade.
+    pub falloff: Falloff,
 }
 
 impl Beam {
-    /// Relative intensity towards unit direction `d` (from the lamp): smoothstep over the blend, as Blender has it.
-    fn falloff(&self, d: Vec3) -> f32 {
-        let c = self.axis.dot(d);
-        if c <= self.cos_outer {
-            return 0.0;
-        }
-        let width = (1.0 - self.cos_outer) * self.blend;
-        let t = if width > 0.0 { ((c - self.cos_outer) / width).min(1.0) } else { 1.0 };
-        t * t * (3.0 - 2.0 * t)
+    /// Relative intensity towards unit direction `d` (from the lamp).
+    fn attenuation(&self, d: Vec3) -> f32 {
+        spot_attenuation(self.axis.dot(d), self.outer, self.blend, self.falloff)
     }
 }
 
@@ -148,8 +144,8 @@ impl Lamp {
             LightShape::Point { intensity, radius } => {
                 Shape::Sphere { centre: light.position, radius, intensity, beam: None }
             }
-            LightShape::Spot { intensity, radius, outer_cone_angle, blend, .. } => {
-                let beam = Beam { axis: -z, cos_outer: outer_cone_angle.cos(), blend };
+            LightShape::Spot { intensity, radius, outer_cone_angle, blend, falloff } => {
+                let beam = Beam { axis: -z, outer: outer_cone_angle, blend, falloff };
                 Shape::Sphere { centre: light.position, radius, intensity, beam: Some(beam) }
             }
             LightShape::Sun { irradiance, angle } => Shape::Sun { direction: z, sine: (angle * 0.5).sin(), irradiance },
@@ -184,7 +180,7 @@ impl Lamp {
                 let v = *centre - p;
                 let d2 = v.length_squared().max(1e-12);
                 let toward = v / d2.sqrt();
-                let falloff = beam.map_or(1.0, |b| b.falloff(-toward));
+                let falloff = beam.map_or(1.0, |b| b.attenuation(-toward));
                 let per_intensity = if *radius > 0.0 {
                     form_factor::sphere(n, v, *radius) / (radius * radius)
                 } else {
@@ -216,7 +212,7 @@ impl Lamp {
                 let v = *centre - p;
                 let d = v.length().max(1e-6);
                 let axis = v / d;
-                let weight = *intensity * beam.map_or(1.0, |b| b.falloff(-axis));
+                let weight = *intensity * beam.map_or(1.0, |b| b.attenuation(-axis));
                 let sine = (radius / d).min(1.0);
                 LampSample { direction: cap_direction(axis, sine, u), distance: (d - radius).max(0.0), weight }
             }
