@@ -69,6 +69,7 @@ fn load_one(document: &Document, node: &PlacedNode, units: LightUnits, warnings:
         position: node.world.translation.as_vec3(),
         axes: frame(node),
         shape,
+        profile: None,
     })
 }
 
