@@ -190,8 +190,9 @@ impl Lamp {
         match &self.shape {
             Shape::Polygon { centre, half, normal, spread, .. } => {
                 let near = p.distance(*centre) - half[0].length().hypot(half[1].length());
-                // The beam's rim is this wide.
-                let rim = if *spread < PI { (p - *centre).dot(*normal).abs() * (0.5 * spread).tan() } else { near };
+                // From its middle to its rim the beam fades over this length; its curvature asks for half of it.
+                let rim =
+                    if *spread < PI { 0.5 * (p - *centre).dot(*normal).abs() * (0.5 * spread).tan() } else { near };
                 near.min(rim)
             }
             Shape::Sphere { centre, radius, beam, .. } => {

@@ -5,6 +5,7 @@ mod compressed;
 mod containers;
 mod fixture;
 mod geometry;
+mod ies;
 mod lights;
 mod materials;
 mod structure;
