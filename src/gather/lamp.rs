@@ -1,7 +1,10 @@
 //! A lamp as the receiver sees it: unoccluded irradiance in closed form, and points to test visibility to.
 
+use super::region::{Region, regions};
 use crate::math::{orthonormal_basis, uniform_disk};
-use crate::scene::{Falloff, Light, LightShape, NARROWEST_SPREAD, Profile, Rgb, spot_attenuation, spread_attenuation};
+use crate::scene::{
+    Environment, Falloff, Light, LightShape, NARROWEST_SPREAD, Profile, Rgb, spot_attenuation, spread_attenuation,
+};
 use crate::transport::{form_factor, soft_box};
 use glam::{Vec2, Vec3};
 use std::f32::consts::PI;
@@ -76,6 +79,8 @@ pub enum Shape {
         /// W/m² on a surface that faces it.
         irradiance: Rgb,
     },
+    /// A bright region of the environment.
+    Region(Region),
     /// Emissive triangles.
     Triangles {
         /// The triangles.
@@ -149,6 +154,11 @@ impl Beam {
 }
 
 impl Lamp {
+    /// The lamps that stand for the bright regions of the environment.
+    pub fn of_environment(environment: &Environment) -> Vec<Self> {
+        regions(environment).into_iter().map(|r| Self { shape: Shape::Region(r), casts_shadows: true }).collect()
+    }
+
     /// The lamp of the scene's contract.
     pub fn new(light: &Light) -> Self {
         let [x, y, z] = light.axes;
@@ -199,7 +209,7 @@ impl Lamp {
                 let near = p.distance(*centre) - radius;
                 beam.map_or(near, |beam| near.min(beam.smoothness(p - *centre)))
             }
-            Shape::Sun { .. } => f32::INFINITY,
+            Shape::Sun { .. } | Shape::Region(_) => f32::INFINITY,
             Shape::Triangles { centre, radius, .. } => p.distance(*centre) - radius,
         }
     }
@@ -242,6 +252,7 @@ impl Lamp {
                     *irradiance * n.dot(*direction).max(0.0)
                 }
             }
+            Shape::Region(region) => region.unoccluded(n),
             Shape::Triangles { triangles, .. } => triangles.iter().map(|t| t.unoccluded(p, n)).sum(),
         }
     }
@@ -275,6 +286,7 @@ impl Lamp {
                 let direction = cap_direction(*direction, *sine, u);
                 LampSample { direction, distance: f32::INFINITY, weight: *irradiance }
             }
+            Shape::Region(region) => region.sample(u),
             Shape::Triangles { triangles, .. } => {
                 let i = triangles.partition_point(|t| t.cumulative <= u.x).min(triangles.len() - 1);
                 let t = &triangles[i];

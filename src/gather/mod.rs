@@ -7,6 +7,7 @@ mod emitters;
 mod footprint;
 mod lamp;
 mod probe;
+mod region;
 mod source;
 
 pub use bounce::bounce;

@@ -98,7 +98,7 @@ impl<'a> Source<'a> {
         match self.accel.closest(&ray) {
             Some(hit) => self.leaving(&hit, direction, solid_angle),
             None => {
-                let radiance = self.accel.scene().environment.radiance(direction);
+                let radiance = self.accel.scene().environment.mean_radiance(direction, solid_angle);
                 Seen { radiance, distance: f32::INFINITY, element: None }
             }
         }

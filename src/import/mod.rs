@@ -28,6 +28,7 @@ mod nodes;
 mod profiles;
 mod roots;
 mod skins;
+mod sky;
 mod source;
 mod textures;
 mod topology;

@@ -33,7 +33,7 @@ pub fn survey(
         .map(|e| {
             let (mut sky, mut lit) = (Rgb::ZERO, 0);
             look(accel, surfels, tree, e, rays, |direction, hit| match hit {
-                None => sky += accel.scene().environment.radiance(direction),
+                None => sky += accel.scene().environment.mean_radiance(direction, 2.0 * PI / rays as f32),
                 Some((hit, side)) => lit += (side == Side::Front || is_two_sided(accel, hit)) as u32,
             });
             if progress.is_cancelled() {

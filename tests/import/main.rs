@@ -8,4 +8,5 @@ mod geometry;
 mod ies;
 mod lights;
 mod materials;
+mod sky;
 mod structure;

@@ -2,6 +2,7 @@
 
 mod lamps;
 mod rooms;
+mod sky;
 
 use glam::Vec3;
 use lightkiln::accel::Accel;
