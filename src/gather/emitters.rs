@@ -89,7 +89,7 @@ fn triangles_of(scene: &Scene, instance: usize, range: std::ops::Range<usize>) -
         .filter_map(|triangle| {
             let corners = scene.corners(instance, triangle);
             let radiance =
-                points.iter().map(|&b| scene.emission_at(instance, triangle, b)).sum::<Rgb>() / points.len() as f32;
+                points.iter().map(|&b| emitted(scene, instance, triangle, b)).sum::<Rgb>() / points.len() as f32;
             let area = area(corners);
             (radiance.max_element() > 0.0 && area > 0.0).then(|| EmitterTriangle {
                 corners,
@@ -101,6 +101,11 @@ fn triangles_of(scene: &Scene, instance: usize, range: std::ops::Range<usize>) -
             })
         })
         .collect()
+}
+
+/// Radiance of a point; what is not covered does not emit.
+fn emitted(scene: &Scene, instance: usize, triangle: usize, barycentric: Vec2) -> Rgb {
+    scene.emission_at(instance, triangle, barycentric) * scene.alpha_at(instance, triangle, barycentric)
 }
 
 /// Splits triangles at the median of their longest extent until each group is small, and makes each a lamp.

@@ -5,6 +5,7 @@ use super::footprint::Footprint;
 use crate::accel::{Accel, Hit, Ray};
 use crate::atlas::Atlas;
 use crate::hierarchy::{Hierarchy, Side, Surfels};
+use crate::math::{hash3, unit_float};
 use crate::scene::Rgb;
 use glam::Vec3;
 use half::f16;
@@ -13,6 +14,10 @@ use std::f32::consts::FRAC_1_PI;
 
 /// Below this share the open part of a texel is too small to be known well.
 const LEAST_OPEN: f32 = 0.25;
+
+/// Translucent surfaces in a row, and share of light that passes them, from which on nothing more is looked for.
+const MOST_LAYERS: u32 = 16;
+const LEAST_PASSED: f32 = 2e-3;
 
 /// What a ray sees.
 #[derive(Clone, Copy, Debug)]
@@ -96,12 +101,47 @@ impl<'a> Source<'a> {
     pub fn look(&self, origin: Vec3, direction: Vec3, solid_angle: f32) -> Seen {
         let ray = Ray { origin, direction, t_min: 0.0, t_max: f32::INFINITY };
         match self.accel.closest(&ray) {
-            Some(hit) => self.leaving(&hit, direction, solid_angle),
-            None => {
-                let radiance = self.accel.scene().environment.mean_radiance(direction, solid_angle);
-                Seen { radiance, distance: f32::INFINITY, element: None }
-            }
+            Some(hit) => match self.accel.transmission_at(&hit) {
+                None => self.leaving(&hit, direction, solid_angle),
+                Some(through) => self.look_through(ray, hit, through, solid_angle),
+            },
+            None => self.sky(direction, solid_angle),
         }
+    }
+
+    fn sky(&self, direction: Vec3, solid_angle: f32) -> Seen {
+        let radiance = self.accel.scene().environment.mean_radiance(direction, solid_angle);
+        Seen { radiance, distance: f32::INFINITY, element: None }
+    }
+
+    /// Sums what every surface in a row sends, weighted by what those before it let through; `first` is translucent.
+    /// The element is one of theirs, drawn by how much of the view it fills: its colour is lost, but only to the coarse
+    /// solution.
+    fn look_through(&self, mut ray: Ray, first: Hit, through: Rgb, solid_angle: f32) -> Seen {
+        let mut total = Seen { radiance: Rgb::ZERO, distance: f32::INFINITY, element: None };
+        let (mut passed, mut inverse) = (Rgb::ONE, 0.0);
+        let seed = hash3(ray.direction.x.to_bits(), ray.direction.y.to_bits(), ray.direction.z.to_bits());
+        let (mut draw, mut undrawn) = (unit_float(seed), true);
+        let mut next = Some((first, Some(through)));
+        for _ in 0..MOST_LAYERS {
+            let (layer, through) = match next {
+                Some((hit, through)) => (self.leaving(&hit, ray.direction, solid_angle), through.unwrap_or(Rgb::ZERO)),
+                None => (self.sky(ray.direction, solid_angle), Rgb::ZERO),
+            };
+            total.radiance += passed * layer.radiance;
+            let fills = passed.element_sum() / 3.0 * (1.0 - through.element_sum() / 3.0);
+            inverse += fills / layer.distance.max(1e-6);
+            if undrawn && draw < fills {
+                (total.element, undrawn) = (layer.element, false);
+            }
+            draw -= fills;
+            passed *= through;
+            let Some((hit, _)) = next.filter(|_| passed.max_element() > LEAST_PASSED) else { break };
+            ray = self.accel.behind(&ray, &hit);
+            next = self.accel.closest(&ray).map(|hit| (hit, self.accel.transmission_at(&hit)));
+        }
+        total.distance = 1.0 / inverse;
+        total
     }
 
     /// What a hit point sends against `direction`.
@@ -114,7 +154,8 @@ impl<'a> Source<'a> {
             return Seen { radiance: Rgb::ZERO, distance: hit.t, element: None };
         }
         let own = if self.emission.is_seen(scene, instance, triangle) {
-            scene.emission_at(instance, triangle, hit.barycentric)
+            let there = scene.alpha_at(instance, triangle, hit.barycentric);
+            scene.emission_at(instance, triangle, hit.barycentric) * there
         } else {
             Rgb::ZERO
         };
