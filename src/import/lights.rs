@@ -79,6 +79,10 @@ fn load_one(
         warnings.push(Warning::new("dark_light", node.path.as_str(), message));
         return None;
     }
+    if node.world.matrix3.determinant() == 0.0 && !matches!(shape, LightShape::Point { .. }) {
+        let message = "lamp: its node is scaled to nothing, so its direction is a guess; give the node a scale";
+        warnings.push(Warning::new("zero_scale", node.path.as_str(), message));
+    }
     let group = json::string(definition, "group").map(str::to_owned);
     let casts = json::boolean(definition, "castsShadows");
     Some(Light {

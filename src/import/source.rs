@@ -2,6 +2,7 @@
 
 use super::{ImportError, buffers, checked, container, draco, extensions, json, meshopt, uri};
 use crate::document::{Document, ExternalFile, ExternalImage};
+use crate::warning::Warning;
 use std::path::Path;
 
 /// The raw and the typed side of one asset; indices agree.
@@ -13,7 +14,7 @@ pub(super) struct Source {
 }
 
 /// Reads the file and its buffers, undoes compression, and checks what later steps rely on.
-pub(super) fn open(path: &Path) -> Result<Source, ImportError> {
+pub(super) fn open(path: &Path, warnings: &mut Vec<Warning>) -> Result<Source, ImportError> {
     let container = container::read(path)?;
     extensions::check_required(&container.json)?;
     let directory = path.parent().unwrap_or(Path::new("")).to_path_buf();
@@ -24,7 +25,7 @@ pub(super) fn open(path: &Path) -> Result<Source, ImportError> {
     let mut document = Document { json, buffers, directory, ..Document::default() };
     document.external_images = external_images(&document);
     document.external_files = external_files(&document);
-    let gltf = checked::document(path, &document.json, &document.buffers)?;
+    let gltf = checked::document(path, &document.json, &document.buffers, warnings)?;
     Ok(Source { document, gltf })
 }
 
