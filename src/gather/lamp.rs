@@ -63,6 +63,8 @@ pub enum Shape {
         centre: Vec3,
         /// Radius, metres.
         radius: f32,
+        /// True if it is a disk that faces every receiver.
+        faces_receivers: bool,
         /// W/sr (on the axis, if it has a beam).
         intensity: Rgb,
         /// Beam of a spot.
@@ -162,6 +164,7 @@ impl Lamp {
     /// The lamp of the scene's contract.
     pub fn new(light: &Light) -> Self {
         let [x, y, z] = light.axes;
+        let faces_receivers = light.faces_receivers;
         let web = light.profile.clone().map(|profile| Web { axes: light.axes, profile });
         let shape = match light.shape {
             LightShape::Rect { radiance, size, spread } => {
@@ -184,11 +187,11 @@ impl Lamp {
                 Shape::Polygon { corners, centre: light.position, half, normal: -z, round: true, radiance, spread }
             }
             LightShape::Point { intensity, radius } => {
-                Shape::Sphere { centre: light.position, radius, intensity, beam: None, web }
+                Shape::Sphere { centre: light.position, radius, faces_receivers, intensity, beam: None, web }
             }
             LightShape::Spot { intensity, radius, outer_cone_angle, blend, falloff } => {
                 let beam = Beam { axis: -z, outer: outer_cone_angle, blend, falloff };
-                Shape::Sphere { centre: light.position, radius, intensity, beam: Some(beam), web }
+                Shape::Sphere { centre: light.position, radius, faces_receivers, intensity, beam: Some(beam), web }
             }
             LightShape::Sun { irradiance, angle } => Shape::Sun { direction: z, sine: (angle * 0.5).sin(), irradiance },
         };
@@ -233,10 +236,11 @@ impl Lamp {
                 };
                 *radiance * (PI * factor)
             }
-            Shape::Sphere { centre, radius, intensity, beam, web } => {
+            Shape::Sphere { centre, radius, faces_receivers, intensity, beam, web } => {
                 let v = *centre - p;
                 let d2 = v.length_squared().max(1e-12);
                 let toward = v / d2.sqrt();
+                let v = if *faces_receivers { toward * silhouette(d2, *radius) } else { v };
                 let falloff = falloff(beam, web, -toward);
                 let per_intensity = if *radius > 0.0 {
                     form_factor::sphere(n, v, *radius) / (radius * radius)
@@ -274,12 +278,13 @@ impl Lamp {
                 let beam = spread_attenuation(-normal.dot(sample.direction), *spread);
                 LampSample { weight: sample.weight * beam, ..sample }
             }
-            Shape::Sphere { centre, radius, intensity, beam, web } => {
+            Shape::Sphere { centre, radius, faces_receivers, intensity, beam, web } => {
                 let v = *centre - p;
                 let d = v.length().max(1e-6);
                 let axis = v / d;
                 let weight = *intensity * falloff(beam, web, -axis);
-                let sine = (radius / d).min(1.0);
+                let apparent = if *faces_receivers { silhouette(d * d, *radius) } else { d };
+                let sine = (radius / apparent).min(1.0);
                 LampSample { direction: cap_direction(axis, sine, u), distance: (d - radius).max(0.0), weight }
             }
             Shape::Sun { direction, sine, irradiance } => {
@@ -303,6 +308,11 @@ impl Lamp {
         let cosine = n.dot(sample.direction);
         (cosine > 0.0).then_some(LampSample { weight: sample.weight * cosine, ..sample })
     }
+}
+
+/// Distance from which a sphere looks as large as a facing disk of its `radius` does from the square root of `d2`.
+fn silhouette(d2: f32, radius: f32) -> f32 {
+    (d2 + radius * radius).sqrt()
 }
 
 /// Relative intensity of a point-like lamp towards unit direction `d` (from the lamp).
@@ -382,6 +392,7 @@ mod tests {
             axes: [Vec3::X, Vec3::NEG_Z, Vec3::Y],
             shape,
             profile: None,
+            faces_receivers: false,
         })
     }
 

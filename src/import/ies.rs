@@ -76,7 +76,7 @@ impl<'a, I: Iterator<Item = &'a str>> Numbers<I> {
 
     fn count(&mut self, what: &str) -> Result<usize, String> {
         let value = self.next(&format!("the number of {what}"))?;
-        if value >= 1.0 && value <= MOST_ANGLES { Ok(value as usize) } else { Err(format!("it has {value} {what}")) }
+        if (1.0..=MOST_ANGLES).contains(&value) { Ok(value as usize) } else { Err(format!("it has {value} {what}")) }
     }
 
     fn take(&mut self, count: usize, what: &str) -> Result<Vec<f32>, String> {

@@ -92,10 +92,19 @@ fn load_one(
         group: node.settings.group.clone().or(group),
         casts_shadows: node.settings.casts_shadows.or(casts).unwrap_or(true),
         position: node.world.translation.as_vec3(),
-        axes: frame(node),
+        axes: profile_frame(source, frame(node)),
         shape,
         profile,
+        faces_receivers: json::boolean(definition, "softFalloff") == Some(true),
     })
+}
+
+/// The frame that a profile is measured in. Blender's zero plane is on −Y and its planes are counted clockwise.
+fn profile_frame(source: Option<&Value>, [x, y, z]: [Vec3; 3]) -> [Vec3; 3] {
+    match source.and_then(|source| json::string(source, "frame")) {
+        Some("blender") => [-y, -x, z],
+        _ => [x, y, z],
+    }
 }
 
 /// The profile that `source` refers to, with `shape` scaled to it. The outer none says that the lamp gives no light

@@ -28,6 +28,8 @@ pub struct Light {
     pub shape: LightShape,
     /// Measured distribution of a point or spot: its intensity is then that of the strongest direction.
     pub profile: Option<Arc<Profile>>,
+    /// The sphere of a point or spot is a disk that faces every receiver, as with Blender's soft falloff.
+    pub faces_receivers: bool,
 }
 
 /// Shape and radiometric strength. Sizes are in metres in the world.

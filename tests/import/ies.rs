@@ -62,6 +62,18 @@ fn lights_of_the_extension_are_in_candela() {
 }
 
 #[test]
+fn blender_counts_planes_another_way() {
+    let mut asset = own(json!({"absolute": true, "frame": "blender"}));
+    let view = asset.view(PROFILE.as_bytes());
+    asset.json["extensions"]["LIGHTKILN_scene"]["lights"][0]["ies"]["bufferView"] = view.into();
+    asset.json["extensions"]["LIGHTKILN_scene"]["lights"][0]["softFalloff"] = true.into();
+    let imported = asset.imported();
+    let light = lamp(&imported).0;
+    assert_eq!(light.axes, [Vec3::NEG_Y, Vec3::NEG_X, Vec3::Z]);
+    assert!(light.faces_receivers);
+}
+
+#[test]
 fn profiles_lie_beside_the_file() {
     let folder = tempfile::tempdir().expect("a folder can be made");
     std::fs::write(folder.path().join("spot lamp.ies"), PROFILE).expect("the folder is writable");

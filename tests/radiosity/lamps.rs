@@ -23,6 +23,7 @@ fn lamp(shape: LightShape) -> Light {
         axes: [Vec3::X, Vec3::NEG_Z, Vec3::Y],
         shape,
         profile: None,
+        faces_receivers: false,
     }
 }
 
@@ -86,6 +87,15 @@ fn points_and_spheres() {
             3.0 * cosine / d2
         });
     }
+}
+
+#[test]
+fn disks_that_face_their_receivers() {
+    let light = Light { faces_receivers: true, ..lamp(LightShape::Point { intensity: Rgb::splat(3.0), radius: 0.3 }) };
+    check(floor(), light, 0.005, |p| {
+        let (d2, cosine) = towards(p);
+        3.0 * cosine / (d2 + 0.09)
+    });
 }
 
 #[test]

@@ -40,6 +40,7 @@ fn with_sun(mut scene: Scene) -> Scene {
         axes: [Vec3::X, Vec3::NEG_Z, Vec3::Y],
         shape: LightShape::Sun { irradiance: Rgb::ONE, angle: 0.0 },
         profile: None,
+        faces_receivers: false,
     });
     scene
 }

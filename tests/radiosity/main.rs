@@ -144,6 +144,7 @@ fn a_thin_wall_lets_nothing_through() {
         axes: [Vec3::X, Vec3::NEG_Z, Vec3::Y],
         shape: LightShape::Point { intensity: Rgb::ONE, radius: 0.02 },
         profile: None,
+        faces_receivers: false,
     });
     let b = baked(&scene, 20.0, 0.02);
     // A texel that the wall crosses holds the mean of both its sides: one texel is left out.

@@ -96,7 +96,7 @@ fn a_sky_beside_a_wall() {
     let mut room = Room::default();
     room.quad(Vec3::new(-0.05, 0.0, -0.05), Vec3::Z * 0.1, Vec3::X * 0.1, BLACK);
     room.quad(Vec3::new(1.0, 0.0, -400.0), Vec3::Z * 800.0, Vec3::Y, BLACK);
-    let mut scene = lit(room, &picture(|_, _| 1.0), Quat::IDENTITY);
+    let scene = lit(room, &picture(|_, _| 1.0), Quat::IDENTITY);
     let b = baked(&scene, 0.5, 0.005);
     let got = mean(&b.where_at(|_, n| n.y > 0.5)) / std::f32::consts::PI;
     assert!((got / 0.853_553_4 - 1.0).abs() < 0.005, "{got}");
