@@ -119,9 +119,8 @@ impl Lamps<'_> {
             }
             rays += 1;
             let ray = shadow_ray(&p, sample.direction, sample.distance);
-            if !lamp_ref.casts_shadows || !self.accel.occluded(&ray) {
-                sum.open += sample.weight;
-            }
+            sum.open +=
+                if lamp_ref.casts_shadows { sample.weight * self.accel.visibility(&ray) } else { sample.weight };
         }
         rays
     }

@@ -9,6 +9,7 @@ mod guide;
 mod lamp;
 mod obstacles;
 mod probe;
+mod region;
 mod source;
 
 pub use bounce::{Bounce, bounce};

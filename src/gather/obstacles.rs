@@ -155,7 +155,10 @@ impl<'a> View<'a> {
 /// True if what lies straight above a point is a back face, or closer than `near`.
 fn is_covered(accel: &Accel, position: Vec3, normal: Vec3, near: f32) -> bool {
     let ray = Ray { origin: offset_origin(position, normal), direction: normal, t_min: 0.0, t_max: f32::INFINITY };
-    accel.closest(&ray).is_some_and(|hit| hit.normal.dot(normal) > 0.0 || hit.t < near)
+    // What light passes through is no inside.
+    accel
+        .closest(&ray)
+        .is_some_and(|hit| hit.t < near || hit.normal.dot(normal) > 0.0 && accel.transmission_at(&hit).is_none())
 }
 
 /// True if something lies on the segment.
@@ -179,7 +182,7 @@ fn is_inside(accel: &Accel, position: Vec3, normal: Vec3) -> bool {
             let mesh = accel.scene().instances[hit.instance as usize].mesh;
             let solid = accel.scene().meshes[mesh].closed
                 || !accel.scene().material_of(mesh, hit.triangle as usize).double_sided;
-            solid && hit.normal.dot(direction) > 0.0
+            solid && hit.normal.dot(direction) > 0.0 && accel.transmission_at(&hit).is_none()
         })
     };
     if !sees_back(normal) {

@@ -4,7 +4,7 @@ use super::direct::{Direct, Lamps};
 use super::emitters::Emission;
 use super::footprint::Footprint;
 use super::guide::{Bright, Guide};
-use crate::accel::{Accel, Ray, offset_origin};
+use crate::accel::{Accel, Hit, Ray, offset_origin};
 use crate::atlas::{Atlas, SurfacePoint};
 use crate::hierarchy::{Hierarchy, Side, Surfels};
 use crate::math::{cosine_hemisphere, hash2, hash3, unit_float};
@@ -20,6 +20,9 @@ const LEAST_OPEN: f32 = 0.25;
 const CONTACT: f32 = 1.0;
 /// Turns of a path at most.
 const MOST_TURNS: u32 = 8;
+
+/// Translucent surfaces in a row from which on a ray stops.
+const MOST_LAYERS: u32 = 16;
 
 /// What a ray sees.
 #[derive(Clone, Copy, Debug)]
@@ -45,8 +48,10 @@ pub struct Followed {
 
 /// What a ray runs into.
 struct Met {
-    /// Radiance of the sky, or emitted by the surface as rays see it, W/(m²·sr).
+    /// Radiance of the sky, or emitted by surfaces as rays see it, W/(m²·sr).
     own: Rgb,
+    /// Weight of what the place reflects: what surfaces before it let through.
+    passed: Rgb,
     /// Distance, metres.
     distance: f32,
     /// Where it reflects, if it does.
@@ -175,11 +180,11 @@ impl<'a> Source<'a> {
 
     /// What is seen along a ray that stands for `solid_angle` sr, as the coarse solution has it.
     pub fn look(&self, origin: Vec3, direction: Vec3, solid_angle: f32) -> Seen {
-        let met = self.meet(origin, direction);
+        let met = self.meet(origin, direction, solid_angle);
         let Some(place) = met.place else {
             return Seen { radiance: met.own, distance: met.distance, receiver: None };
         };
-        let reflected = self.cached(&place, met.distance, solid_angle);
+        let reflected = met.passed * self.cached(&place, met.distance, solid_angle);
         let receiver = self.shut_receiver(&place).unwrap_or(place.element);
         Seen { radiance: met.own + reflected, distance: met.distance, receiver: Some(receiver) }
     }
@@ -187,8 +192,8 @@ impl<'a> Source<'a> {
     /// Like `look`, but a path that ends nearer than the coarse solution can tell what happens there, as in corners and
     /// narrow gaps, goes on. `seed` makes its turns.
     pub fn follow(&self, origin: Vec3, direction: Vec3, solid_angle: f32, seed: u32) -> Followed {
-        let first = self.meet(origin, direction);
-        let (mut radiance, mut weight) = (first.own, Rgb::ONE);
+        let first = self.meet(origin, direction, solid_angle);
+        let (mut radiance, mut weight) = (first.own, first.passed);
         let (mut place, mut distance, mut solid_angle) = (first.place, first.distance, solid_angle);
         let mut rays = 1;
         for turn in 0.. {
@@ -201,8 +206,9 @@ impl<'a> Source<'a> {
             weight *= self.lit.surfels.reflectance(at.surfel);
             radiance += weight * FRAC_1_PI * self.direct_at(&at, seed);
             let u = Vec2::new(unit_float(hash2(seed, 1)), unit_float(hash2(seed, 2)));
-            let next = self.meet(offset_origin(at.point, at.normal), cosine_hemisphere(at.normal, u));
+            let next = self.meet(offset_origin(at.point, at.normal), cosine_hemisphere(at.normal, u), PI);
             radiance += weight * next.own;
+            weight *= next.passed;
             rays += 1;
             (place, distance) = (next.place, next.distance);
             // It now stands for all that the point sees.
@@ -211,22 +217,47 @@ impl<'a> Source<'a> {
         Followed { radiance, distance: first.distance, rays }
     }
 
-    /// What a ray runs into.
-    fn meet(&self, origin: Vec3, direction: Vec3) -> Met {
+    /// What a ray that stands for `solid_angle` sr runs into. Translucent surfaces stop it by chance.
+    fn meet(&self, origin: Vec3, direction: Vec3, solid_angle: f32) -> Met {
+        let accel = self.lit.accel;
+        let mut ray = Ray { origin, direction, t_min: 0.0, t_max: f32::INFINITY };
+        let (mut own, mut passed) = (Rgb::ZERO, Rgb::ONE);
+        for layer in 0.. {
+            let Some(hit) = accel.closest(&ray) else {
+                own += passed * accel.scene().environment.mean_radiance(direction, solid_angle);
+                return Met { own, passed, distance: f32::INFINITY, place: None };
+            };
+            let (emitted, place) = self.surface(&ray, &hit);
+            own += passed * emitted;
+            if let Some(through) = accel.transmission_at(&hit) {
+                let chance = if layer < MOST_LAYERS { through.element_sum() / 3.0 } else { 0.0 };
+                let seed = direction.to_array().iter().fold(layer, |seed, x| hash2(seed, x.to_bits()));
+                if unit_float(seed) < chance {
+                    passed *= through / chance;
+                    ray = accel.behind(&ray, &hit);
+                    continue;
+                }
+                passed /= 1.0 - chance;
+            }
+            return Met { own, passed, distance: hit.t, place };
+        }
+        unreachable!("the last layer stops every ray")
+    }
+
+    /// Radiance that the surface at a hit emits against the ray, and where it reflects.
+    fn surface(&self, ray: &Ray, hit: &Hit) -> (Rgb, Option<Place>) {
         let lit = &self.lit;
         let scene = lit.accel.scene();
-        let ray = Ray { origin, direction, t_min: 0.0, t_max: f32::INFINITY };
-        let Some(hit) = lit.accel.closest(&ray) else {
-            return Met { own: scene.environment.radiance(direction), distance: f32::INFINITY, place: None };
-        };
+        let direction = ray.direction;
         let (instance, triangle) = (hit.instance as usize, hit.triangle as usize);
         let cosine = -hit.normal.dot(direction);
         let side = if cosine >= 0.0 { Side::Front } else { Side::Back };
         if side == Side::Back && !scene.material_of(scene.instances[instance].mesh, triangle).double_sided {
-            return Met { own: Rgb::ZERO, distance: hit.t, place: None };
+            return (Rgb::ZERO, None);
         }
         let own = if lit.emission.is_seen(scene, instance, triangle) {
-            scene.emission_at(instance, triangle, hit.barycentric)
+            let there = scene.alpha_at(instance, triangle, hit.barycentric);
+            scene.emission_at(instance, triangle, hit.barycentric) * there
         } else {
             Rgb::ZERO
         };
@@ -237,9 +268,9 @@ impl<'a> Source<'a> {
             };
             let element = lit.hierarchy.element_of(surfel, side)?;
             let normal = if side == Side::Front { hit.normal } else { -hit.normal };
-            Some(Place { point: origin + direction * hit.t, normal, cosine: cosine.abs(), side, surfel, element })
+            Some(Place { point: ray.origin + direction * hit.t, normal, cosine: cosine.abs(), side, surfel, element })
         });
-        Met { own, distance: hit.t, place }
+        (own, place)
     }
 
     /// What a place reflects as the coarse solution has it, to a ray that stands for `solid_angle` sr, W/(m²·sr).
