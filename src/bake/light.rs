@@ -21,6 +21,9 @@ const SURVEY_RAYS: u32 = 64;
 /// Shadow rays per lamp of an element that has no texels of its own.
 const ELEMENT_RAYS: u32 = 16;
 
+/// Most rays that one probe casts for an error of 2 %.
+const MOST_RAYS: f32 = 1800.0;
+
 /// What the lighting stages did.
 #[derive(Clone, Debug, Default)]
 pub struct Counts {
@@ -102,7 +105,9 @@ pub fn light(
 
 /// How finely the final gather works for a relative error of the lightmap.
 fn cell_settings(error: f32, floor: f32) -> CellSettings {
-    let probe = ProbeSettings { extra: 1792, tolerance: 0.6 * error, floor };
+    // Enough to halve the error by four times the rays, but no endless run.
+    let extra = (MOST_RAYS * (0.02 / error).powi(2)).min(1e6) as u32;
+    let probe = ProbeSettings { extra, tolerance: 0.5 * error, floor };
     CellSettings { tolerance: 0.5 * error, floor, probe }
 }
 

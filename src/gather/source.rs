@@ -54,8 +54,10 @@ struct Met {
     passed: Rgb,
     /// Distance, metres.
     distance: f32,
-    /// Where it reflects, if it does.
+    /// Where it ends and is reflected, if it is.
     place: Option<Place>,
+    /// What reflects.
+    receiver: Option<u32>,
 }
 
 /// A point of a surface that reflects.
@@ -181,12 +183,8 @@ impl<'a> Source<'a> {
     /// What is seen along a ray that stands for `solid_angle` sr, as the coarse solution has it.
     pub fn look(&self, origin: Vec3, direction: Vec3, solid_angle: f32) -> Seen {
         let met = self.meet(origin, direction, solid_angle);
-        let Some(place) = met.place else {
-            return Seen { radiance: met.own, distance: met.distance, receiver: None };
-        };
-        let reflected = met.passed * self.cached(&place, met.distance, solid_angle);
-        let receiver = self.shut_receiver(&place).unwrap_or(place.element);
-        Seen { radiance: met.own + reflected, distance: met.distance, receiver: Some(receiver) }
+        let reflected = met.place.map_or(Rgb::ZERO, |place| self.cached(&place, met.distance, solid_angle));
+        Seen { radiance: met.own + met.passed * reflected, distance: met.distance, receiver: met.receiver }
     }
 
     /// Like `look`, but a path that ends nearer than the coarse solution can tell what happens there, as in corners and
@@ -217,29 +215,41 @@ impl<'a> Source<'a> {
         Followed { radiance, distance: first.distance, rays }
     }
 
-    /// What a ray that stands for `solid_angle` sr runs into. Translucent surfaces stop it by chance.
+    /// What a ray that stands for `solid_angle` sr runs into. What translucent surfaces send counts as own; of all that
+    /// is met, the receiver is drawn by how much of the view it fills: colour is lost by that, but only to the coarse
+    /// solution.
     fn meet(&self, origin: Vec3, direction: Vec3, solid_angle: f32) -> Met {
         let accel = self.lit.accel;
         let mut ray = Ray { origin, direction, t_min: 0.0, t_max: f32::INFINITY };
-        let (mut own, mut passed) = (Rgb::ZERO, Rgb::ONE);
+        let mut met = Met { own: Rgb::ZERO, passed: Rgb::ONE, distance: f32::INFINITY, place: None, receiver: None };
+        let mut draw = None;
         for layer in 0.. {
             let Some(hit) = accel.closest(&ray) else {
-                own += passed * accel.scene().environment.mean_radiance(direction, solid_angle);
-                return Met { own, passed, distance: f32::INFINITY, place: None };
+                met.own += met.passed * accel.scene().environment.mean_radiance(direction, solid_angle);
+                return met;
             };
             let (emitted, place) = self.surface(&ray, &hit);
-            own += passed * emitted;
-            if let Some(through) = accel.transmission_at(&hit) {
-                let chance = if layer < MOST_LAYERS { through.element_sum() / 3.0 } else { 0.0 };
-                let seed = direction.to_array().iter().fold(layer, |seed, x| hash2(seed, x.to_bits()));
-                if unit_float(seed) < chance {
-                    passed *= through / chance;
-                    ray = accel.behind(&ray, &hit);
-                    continue;
+            met.own += met.passed * emitted;
+            let receiver = place.map(|p| self.shut_receiver(&p).unwrap_or(p.element));
+            let Some(through) = accel.transmission_at(&hit).filter(|_| layer < MOST_LAYERS) else {
+                (met.distance, met.place) = (hit.t, place);
+                if draw.is_none_or(|d| d >= 0.0) {
+                    met.receiver = receiver;
                 }
-                passed /= 1.0 - chance;
+                return met;
+            };
+            if let Some(place) = place {
+                met.own += met.passed * self.cached(&place, hit.t, solid_angle);
             }
-            return Met { own, passed, distance: hit.t, place };
+            let left = draw
+                .unwrap_or_else(|| unit_float(direction.to_array().iter().fold(0, |seed, x| hash2(seed, x.to_bits()))));
+            let fills = met.passed.element_sum() / 3.0 * (1.0 - through.element_sum() / 3.0);
+            if left >= 0.0 && left < fills {
+                met.receiver = receiver;
+            }
+            draw = Some(left - fills);
+            met.passed *= through;
+            ray = accel.behind(&ray, &hit);
         }
         unreachable!("the last layer stops every ray")
     }
