@@ -20,9 +20,9 @@ const LEAST_OPEN: f32 = 0.25;
 const CONTACT: f32 = 1.0;
 /// Turns of a path at most.
 const MOST_TURNS: u32 = 8;
-
-/// Translucent surfaces in a row from which on a ray stops.
+/// Translucent surfaces in a row, and share of light that passes them, from which on nothing more is looked for.
 const MOST_LAYERS: u32 = 16;
+const LEAST_PASSED: f32 = 2e-3;
 
 /// What a ray sees.
 #[derive(Clone, Copy, Debug)]
@@ -48,14 +48,26 @@ pub struct Followed {
 
 /// What a ray runs into.
 struct Met {
-    /// Radiance of the sky, or emitted by surfaces as rays see it, W/(m²·sr).
+    /// Radiance of the sky, or emitted by the surface as rays see it, W/(m²·sr), with all that translucent surfaces before
+    /// it send.
     own: Rgb,
-    /// Weight of what the place reflects: what surfaces before it let through.
-    passed: Rgb,
-    /// Distance, metres.
+    /// Distance, metres; over translucent surfaces the harmonic mean.
     distance: f32,
-    /// Where it reflects, if it does.
+    /// Where the opaque surface reflects, if it does.
     place: Option<Place>,
+    /// How far that is, metres.
+    reach: f32,
+    /// Share of its light that arrives.
+    passed: Rgb,
+    /// A place in a row of surfaces, drawn by how much of the view they fill.
+    drawn: Option<Place>,
+}
+
+impl Met {
+    /// A surface that nothing translucent stands before, or the sky.
+    fn opaque(own: Rgb, distance: f32, place: Option<Place>) -> Self {
+        Self { own, distance, place, reach: distance, passed: Rgb::ONE, drawn: place }
+    }
 }
 
 /// A point of a surface that reflects.
@@ -181,12 +193,10 @@ impl<'a> Source<'a> {
     /// What is seen along a ray that stands for `solid_angle` sr, as the coarse solution has it.
     pub fn look(&self, origin: Vec3, direction: Vec3, solid_angle: f32) -> Seen {
         let met = self.meet(origin, direction, solid_angle);
-        let Some(place) = met.place else {
-            return Seen { radiance: met.own, distance: met.distance, receiver: None };
-        };
-        let reflected = met.passed * self.cached(&place, met.distance, solid_angle);
-        let receiver = self.shut_receiver(&place).unwrap_or(place.element);
-        Seen { radiance: met.own + reflected, distance: met.distance, receiver: Some(receiver) }
+        let reflected = met.place.map_or(Rgb::ZERO, |place| met.passed * self.cached(&place, met.reach, solid_angle));
+        // Behind coloured glass the colour is lost here, but only to the coarse solution.
+        let receiver = met.drawn.map(|place| self.shut_receiver(&place).unwrap_or(place.element));
+        Seen { radiance: met.own + reflected, distance: met.distance, receiver }
     }
 
     /// Like `look`, but a path that ends nearer than the coarse solution can tell what happens there, as in corners and
@@ -194,7 +204,7 @@ impl<'a> Source<'a> {
     pub fn follow(&self, origin: Vec3, direction: Vec3, solid_angle: f32, seed: u32) -> Followed {
         let first = self.meet(origin, direction, solid_angle);
         let (mut radiance, mut weight) = (first.own, first.passed);
-        let (mut place, mut distance, mut solid_angle) = (first.place, first.distance, solid_angle);
+        let (mut place, mut distance, mut solid_angle) = (first.place, first.reach, solid_angle);
         let mut rays = 1;
         for turn in 0.. {
             let Some(at) = place else { break };
@@ -206,54 +216,80 @@ impl<'a> Source<'a> {
             weight *= self.lit.surfels.reflectance(at.surfel);
             radiance += weight * FRAC_1_PI * self.direct_at(&at, seed);
             let u = Vec2::new(unit_float(hash2(seed, 1)), unit_float(hash2(seed, 2)));
-            let next = self.meet(offset_origin(at.point, at.normal), cosine_hemisphere(at.normal, u), PI);
+            // It now stands for all that the point sees.
+            solid_angle = PI;
+            let next = self.meet(offset_origin(at.point, at.normal), cosine_hemisphere(at.normal, u), solid_angle);
             radiance += weight * next.own;
             weight *= next.passed;
             rays += 1;
-            (place, distance) = (next.place, next.distance);
-            // It now stands for all that the point sees.
-            solid_angle = PI;
+            (place, distance) = (next.place, next.reach);
         }
         Followed { radiance, distance: first.distance, rays }
     }
 
-    /// What a ray that stands for `solid_angle` sr runs into. Translucent surfaces stop it by chance.
+    /// What a ray that stands for `solid_angle` sr runs into.
     fn meet(&self, origin: Vec3, direction: Vec3, solid_angle: f32) -> Met {
-        let accel = self.lit.accel;
-        let mut ray = Ray { origin, direction, t_min: 0.0, t_max: f32::INFINITY };
-        let (mut own, mut passed) = (Rgb::ZERO, Rgb::ONE);
-        for layer in 0.. {
-            let Some(hit) = accel.closest(&ray) else {
-                own += passed * accel.scene().environment.mean_radiance(direction, solid_angle);
-                return Met { own, passed, distance: f32::INFINITY, place: None };
-            };
-            let (emitted, place) = self.surface(&ray, &hit);
-            own += passed * emitted;
-            if let Some(through) = accel.transmission_at(&hit) {
-                let chance = if layer < MOST_LAYERS { through.element_sum() / 3.0 } else { 0.0 };
-                let seed = direction.to_array().iter().fold(layer, |seed, x| hash2(seed, x.to_bits()));
-                if unit_float(seed) < chance {
-                    passed *= through / chance;
-                    ray = accel.behind(&ray, &hit);
-                    continue;
-                }
-                passed /= 1.0 - chance;
-            }
-            return Met { own, passed, distance: hit.t, place };
+        let ray = Ray { origin, direction, t_min: 0.0, t_max: f32::INFINITY };
+        let Some(hit) = self.lit.accel.closest(&ray) else {
+            return Met::opaque(self.sky(direction, solid_angle), f32::INFINITY, None);
+        };
+        match self.lit.accel.transmission_at(&hit) {
+            None => self.surface(&ray, &hit),
+            Some(through) => self.meet_through(ray, hit, through, solid_angle),
         }
-        unreachable!("the last layer stops every ray")
     }
 
-    /// Radiance that the surface at a hit emits against the ray, and where it reflects.
-    fn surface(&self, ray: &Ray, hit: &Hit) -> (Rgb, Option<Place>) {
+    fn sky(&self, direction: Vec3, solid_angle: f32) -> Rgb {
+        self.lit.accel.scene().environment.mean_radiance(direction, solid_angle)
+    }
+
+    /// Goes through translucent surfaces, `first` and those behind it, to the first opaque one.
+    fn meet_through(&self, mut ray: Ray, first: Hit, through: Rgb, solid_angle: f32) -> Met {
+        let mut met = Met { drawn: None, ..Met::opaque(Rgb::ZERO, f32::INFINITY, None) };
+        let seed = hash3(ray.direction.x.to_bits(), ray.direction.y.to_bits(), ray.direction.z.to_bits());
+        let (mut draw, mut inverse) = (unit_float(seed), 0.0);
+        let mut next = Some((first, Some(through)));
+        for _ in 0..MOST_LAYERS {
+            let Some((hit, through)) = next else {
+                met.own += met.passed * self.sky(ray.direction, solid_angle);
+                break;
+            };
+            let layer = self.surface(&ray, &hit);
+            met.own += met.passed * layer.own;
+            let fills = (met.passed * (Rgb::ONE - through.unwrap_or(Rgb::ZERO))).element_sum() / 3.0;
+            inverse += fills / hit.t.max(1e-6);
+            if (0.0..fills).contains(&draw) {
+                met.drawn = layer.place;
+            }
+            draw -= fills;
+            let Some(through) = through else {
+                (met.place, met.reach) = (layer.place, hit.t);
+                break;
+            };
+            if let Some(place) = layer.place {
+                met.own += met.passed * self.cached(&place, hit.t, solid_angle);
+            }
+            met.passed *= through;
+            if met.passed.max_element() < LEAST_PASSED {
+                break;
+            }
+            ray = self.lit.accel.behind(&ray, &hit);
+            next = self.lit.accel.closest(&ray).map(|hit| (hit, self.lit.accel.transmission_at(&hit)));
+        }
+        met.distance = 1.0 / inverse;
+        met
+    }
+
+    /// What a single surface sends and where it reflects.
+    fn surface(&self, ray: &Ray, hit: &Hit) -> Met {
         let lit = &self.lit;
         let scene = lit.accel.scene();
-        let direction = ray.direction;
+        let Ray { origin, direction, .. } = *ray;
         let (instance, triangle) = (hit.instance as usize, hit.triangle as usize);
         let cosine = -hit.normal.dot(direction);
         let side = if cosine >= 0.0 { Side::Front } else { Side::Back };
         if side == Side::Back && !scene.material_of(scene.instances[instance].mesh, triangle).double_sided {
-            return (Rgb::ZERO, None);
+            return Met::opaque(Rgb::ZERO, hit.t, None);
         }
         let own = if lit.emission.is_seen(scene, instance, triangle) {
             let there = scene.alpha_at(instance, triangle, hit.barycentric);
@@ -268,9 +304,9 @@ impl<'a> Source<'a> {
             };
             let element = lit.hierarchy.element_of(surfel, side)?;
             let normal = if side == Side::Front { hit.normal } else { -hit.normal };
-            Some(Place { point: ray.origin + direction * hit.t, normal, cosine: cosine.abs(), side, surfel, element })
+            Some(Place { point: origin + direction * hit.t, normal, cosine: cosine.abs(), side, surfel, element })
         });
-        (own, place)
+        Met::opaque(own, hit.t, place)
     }
 
     /// What a place reflects as the coarse solution has it, to a ray that stands for `solid_angle` sr, W/(m²·sr).
