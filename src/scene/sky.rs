@@ -13,7 +13,7 @@ const WIDEST: usize = 8192;
 /// Pixels are bright from this many times the mean radiance on.
 const CONTRAST: f64 = 4.0;
 /// Most solid angle that may be cut out, sr: what is larger, rays find.
-const COMPACT: f64 = 0.4;
+const COMPACT: f64 = 1.0;
 /// Regions are not worth having if they hold less than this share of all power.
 const LEAST: f64 = 0.002;
 /// Bright pixels are joined to blocks of at most this many degrees, where they differ by less than this factor.
@@ -82,7 +82,7 @@ impl Sky {
             panorama = panorama.halved();
         }
         let regions = match threshold(&panorama) {
-            Some(threshold) => divided(cut_out(&mut panorama, threshold), rotation),
+            Some(cut) => divided(cut_out(&mut panorama, &cut), rotation),
             None => Vec::new(),
         };
         let mut levels = vec![Level::new(&panorama)];
@@ -135,8 +135,16 @@ impl Level {
     }
 }
 
-/// Brightness above which pixels are cut out: the lowest for which they are compact. None if that gains nothing.
-fn threshold(panorama: &Panorama) -> Option<f32> {
+/// Which pixels are cut out.
+struct Cut {
+    /// Those that are brighter than this.
+    threshold: f32,
+    /// What is left of them: the mean brightness of the others.
+    level: f32,
+}
+
+/// The lowest threshold above which pixels are compact. None if cutting them out gains nothing.
+fn threshold(panorama: &Panorama) -> Option<Cut> {
     let rows = || panorama.pixels.chunks(panorama.width).enumerate();
     let weight = |row: usize| Cell::new(0, row, panorama.width, panorama.height).solid_angle();
     let sum = |f: &dyn Fn(f64) -> f64| -> f64 {
@@ -166,15 +174,16 @@ fn threshold(panorama: &Panorama) -> Option<f32> {
         above -= octave;
         threshold *= 2.0;
     }
-    let excess = sum(&|b| (b - threshold).max(0.0));
-    (excess > LEAST * total).then_some(threshold as f32)
+    let bright = sum(&|b| if b > threshold { b } else { 0.0 });
+    let level = (total - bright) / sum(&|b| if b > threshold { 0.0 } else { 1.0 }).max(f64::MIN_POSITIVE);
+    (bright > LEAST * total).then_some(Cut { threshold: threshold as f32, level: level as f32 })
 }
 
-/// Takes what exceeds `threshold` out of the picture, as blocks in the order of a quadtree.
-fn cut_out(panorama: &mut Panorama, threshold: f32) -> Vec<BrightCell> {
+/// Takes the bright pixels out of the picture down to the cut's level, as blocks in the order of a quadtree.
+fn cut_out(panorama: &mut Panorama, cut: &Cut) -> Vec<BrightCell> {
     let depth = panorama.width.max(panorama.height).next_power_of_two().trailing_zeros();
     let mut blocks = Vec::new();
-    collect(panorama, threshold, depth, 0, 0, &mut blocks);
+    collect(panorama, cut, depth, 0, 0, &mut blocks);
     let size = |b: &Block| (panorama.width >> b.level, panorama.height >> b.level);
     blocks
         .iter()
@@ -194,7 +203,7 @@ struct Block {
 }
 
 /// Blocks inside block (x, y) of `level`.
-fn collect(panorama: &mut Panorama, threshold: f32, level: u32, x: usize, y: usize, out: &mut Vec<Block>) {
+fn collect(panorama: &mut Panorama, cut: &Cut, level: u32, x: usize, y: usize, out: &mut Vec<Block>) {
     let (width, height) = (panorama.width, panorama.height);
     if x << level >= width || y << level >= height {
         return;
@@ -202,8 +211,8 @@ fn collect(panorama: &mut Panorama, threshold: f32, level: u32, x: usize, y: usi
     if level == 0 {
         let pixel = &mut panorama.pixels[y * width + x];
         let bright = brightness(*pixel);
-        if bright > threshold {
-            let rest = *pixel * (threshold / bright);
+        if bright > cut.threshold {
+            let rest = *pixel * (cut.level / bright);
             out.push(Block { level, x, y, radiance: *pixel - rest });
             *pixel = rest;
         }
@@ -211,7 +220,7 @@ fn collect(panorama: &mut Panorama, threshold: f32, level: u32, x: usize, y: usi
     }
     let first = out.len();
     for (dx, dy) in [(0, 0), (1, 0), (0, 1), (1, 1)] {
-        collect(panorama, threshold, level - 1, 2 * x + dx, 2 * y + dy, out);
+        collect(panorama, cut, level - 1, 2 * x + dx, 2 * y + dy, out);
     }
     let children = &out[first..];
     let whole = (width >> level) << level == width && (height >> level) << level == height;
@@ -298,13 +307,13 @@ mod tests {
         for (width, sun) in [(64, 1), (256, 6), (100, 2)] {
             let mut rest = picture(width, sun);
             let before = energy(&rest);
-            let limit = threshold(&rest).expect("the sun stands out");
-            let cells = cut_out(&mut rest, limit);
-            assert!(rest.pixels.iter().all(|&p| brightness(p) <= 1.001 * limit));
+            let cut = threshold(&rest).expect("the sun stands out");
+            let cells = cut_out(&mut rest, &cut);
+            assert!(rest.pixels.iter().all(|&p| brightness(p) <= 1.001 * cut.threshold));
             let after = energy(&rest);
             for c in 0..3 {
-                let cut: f64 = cells.iter().map(|b| b.radiance[c] as f64 * b.cell.solid_angle()).sum();
-                assert!(((after[c] + cut) / before[c] - 1.0).abs() < 1e-6, "{width}: {} + {cut}", after[c]);
+                let taken: f64 = cells.iter().map(|b| b.radiance[c] as f64 * b.cell.solid_angle()).sum();
+                assert!(((after[c] + taken) / before[c] - 1.0).abs() < 1e-6, "{width}: {} + {taken}", after[c]);
             }
         }
     }
@@ -312,8 +321,8 @@ mod tests {
     #[test]
     fn alike_pixels_are_joined() {
         let mut rest = picture(2048, 16);
-        let limit = threshold(&rest).expect("the sun stands out");
-        assert!(cut_out(&mut rest, limit).len() < 128, "256 pixels are few blocks");
+        let cut = threshold(&rest).expect("the sun stands out");
+        assert!(cut_out(&mut rest, &cut).len() < 128, "256 pixels are few blocks");
     }
 
     #[test]

@@ -56,7 +56,9 @@ fn irradiance_is_the_sum_over_the_pixels() {
             // So many texels that the probes of a smooth surface average to its mean.
             let b = baked(&lit(square(normal), &picture, rotation), 96.0, 0.005);
             let (got, want) = (mean(&b.where_at(|_, _| true)), sum_over_pixels(&picture, rotation, normal));
-            assert!((got / want - 1.0).abs() < 0.005, "{name}, normal {normal}: {got} instead of {want}");
+            // All probes share their directions, so what noise costs them does not average out.
+            let tolerance = if name == "rough" { 0.01 } else { 0.005 };
+            assert!((got / want - 1.0).abs() < tolerance, "{name}, normal {normal}: {got} instead of {want}");
         }
     }
 }
