@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Shows a lightmap: lit copies of materials on the objects' own slots. Meshes and the original materials stay as they are.
+"""Shows a lightmap: lit copies of materials on the objects' own slots. Meshes and original materials stay as they are.
 
 What belongs to the lightmap is marked by custom properties, so that it is found again, by name or not, after saving:
 on an object STATE (its slots before, its lit materials), PLACE (see places.py); on a material SOURCE.
@@ -160,4 +160,3 @@ def _show_original(ob: bpy.types.Object) -> None:
             slot.link = "OBJECT"
             slot.material = state["original"].get(str(i))
             slot.link = "OBJECT" if state["links"][i] == "O" else "DATA"
-

@@ -12,7 +12,7 @@ import shutil
 import tempfile
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -21,6 +21,7 @@ import bpy
 from . import apply, program, receivers
 from .changes import Changes
 from .errors import BakeError, Cancelled, Note
+from .export.materials import BakedColors
 from .export.snapshot import Snapshot, take
 from .export.write import Writer
 from .job import Job
@@ -69,7 +70,7 @@ class Bake:
         if self._job:
             self._job.cancel()
 
-    def steps(self) -> Iterator[None]:
+    def steps(self) -> Generator[None, None, None]:
         """Bakes. Raises BakeError or Cancelled; the scene then shows what it did before."""
         self._folder = Path(tempfile.mkdtemp(prefix="lightkiln-", dir=bpy.app.tempdir or None))
         try:
@@ -136,10 +137,14 @@ class Bake:
         writer.collect(scene.world, folder, self._baked_colors(snapshot, chosen, writer))
         self.notes += writer.notes
         if writer.is_dark():
-            raise BakeError(f"The scene `{scene.name}` has no light: add a lamp, a world colour or an emissive material")
+            raise BakeError(
+                f"The scene `{scene.name}` has no light: add a lamp, a world colour or an emissive material"
+            )
         return page, chosen, writer
 
-    def _baked_colors(self, snapshot: Snapshot, chosen: list[Receiver], writer: Writer) -> dict:
+    def _baked_colors(
+        self, snapshot: Snapshot, chosen: list[Receiver], writer: Writer
+    ) -> dict[tuple[int, str], BakedColors]:
         return {}
 
     def _in_thread(self, work: Callable[[], None]) -> Iterator[None]:

@@ -3,8 +3,8 @@
 
     python3 blender_addon/build.py linux-x64=target/release/lightkiln windows-x64=lightkiln.exe --out dist
 
-In: for every platform a baker built for it. Out: DIR/lightkiln-VERSION-PLATFORM.zip each, with the baker in bin/ and the
-platform in the manifest. The same input gives the same bytes. Standard library only.
+In: for every platform a baker built for it. Out: DIR/lightkiln-VERSION-PLATFORM.zip each, with the baker in bin/ and
+the platform in the manifest. The same input gives the same bytes. Standard library only.
 """
 
 from __future__ import annotations

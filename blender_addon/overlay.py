@@ -57,8 +57,8 @@ def density_of(ob: bpy.types.Object, uv_map: str) -> float | None:
     mesh.loop_triangles.foreach_get("loops", loops)
     uv = np.empty(2 * len(mesh.loops), np.float32)
     layer.uv.foreach_get("vector", uv)
-    uv = uv.reshape(-1, 2)[loops].reshape(-1, 3, 2)
-    a, b = uv[:, 1] - uv[:, 0], uv[:, 2] - uv[:, 0]
+    corners = uv.reshape(-1, 2)[loops].reshape(-1, 3, 2)
+    a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     flat = float(np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum() / 2)
     scale = abs(ob.matrix_world.to_3x3().determinant()) ** (2 / 3)
     area = sum(p.area for p in mesh.polygons) * scale

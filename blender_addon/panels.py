@@ -13,6 +13,7 @@ class _BakePanel:
     """The bake's button and progress."""
 
     bl_label = "Lightkiln"
+    layout: bpy.types.UILayout
 
     def draw(self, context: bpy.types.Context) -> None:
         """Draws button or progress, then the settings that matter most."""
@@ -36,6 +37,7 @@ class _SettingsPanel:
     """What is baked, how well, and where to."""
 
     bl_label = "Settings"
+    layout: bpy.types.UILayout
 
     def draw(self, context: bpy.types.Context) -> None:
         """Draws the settings."""
@@ -67,6 +69,7 @@ class _NotesPanel:
     """What the last bake approximated or skipped."""
 
     bl_label = "Notes"
+    layout: bpy.types.UILayout
     bl_options = {"DEFAULT_CLOSED"}
 
     @classmethod

@@ -26,7 +26,9 @@ def candidates(scene: bpy.types.Scene, view_layer: bpy.types.ViewLayer) -> dict[
     for ob in rendered_objects(view_layer):
         if not in_scope(scene, view_layer, ob):
             continue
-        children = ob.instance_collection.all_objects if ob.instance_type == "COLLECTION" and ob.instance_collection else ()
+        children = (
+            ob.instance_collection.all_objects if ob.instance_type == "COLLECTION" and ob.instance_collection else ()
+        )
         for candidate in (ob, *children):
             if candidate.type == "MESH" and not candidate.hide_render and not candidate.lightkiln.exclude:
                 found[candidate.session_uid] = candidate

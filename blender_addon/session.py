@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Generator
 
 import bpy
 
@@ -21,7 +21,7 @@ class Session:
     def __init__(self, bake: Bake) -> None:
         """Takes over a bake that has not begun."""
         self.bake = bake
-        self.steps: Iterator[None] = bake.steps()
+        self.steps: Generator[None, None, None] = bake.steps()
         self.scene_name = bake.scene.name
 
 

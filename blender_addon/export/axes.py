@@ -29,7 +29,9 @@ def placement(matrix: Matrix) -> dict[str, list[float]] | None:
     location, rotation, scale = changed.decompose()
     again = Matrix.LocRotScale(location, rotation, scale)
     largest = max(abs(x) for row in changed for x in row)
-    if any(abs(a - b) > _SHEAR * largest for r, s in zip(changed, again, strict=True) for a, b in zip(r, s, strict=True)):
+    if any(
+        abs(a - b) > _SHEAR * largest for r, s in zip(changed, again, strict=True) for a, b in zip(r, s, strict=True)
+    ):
         return None
     if min(abs(s) for s in scale) == 0.0:
         return None

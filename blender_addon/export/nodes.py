@@ -7,6 +7,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import bpy
 
@@ -54,7 +55,7 @@ class Source:
     """What feeds an input: a node's output, or nothing but the input's own value."""
 
     socket: bpy.types.NodeSocket
-    node: bpy.types.Node | None
+    node: Any
     groups: Groups = field(default=())
 
 
@@ -207,7 +208,7 @@ def _multiplied(left: Color, right: Color, weight: float) -> Color | None:
         if not right.is_constant():
             return None
         right = Color(_each(right.factor, WHITE, lambda x, _: 1 - weight + weight * x))
-    if left.texture and right.texture or (left.attribute is not None and right.attribute is not None):
+    if (left.texture and right.texture) or (left.attribute is not None and right.attribute is not None):
         return None
     attribute = left.attribute if left.attribute is not None else right.attribute
     return Color(left.factor, left.texture or right.texture, attribute).scaled(right.factor)
@@ -222,7 +223,7 @@ def image_texture(s: Source) -> Texture | None:
     node = s.node
     if node is None or node.bl_idname != "ShaderNodeTexImage" or node.image is None or node.projection != "FLAT":
         return None
-    if node.image.source not in {"FILE", "GENERATED"} or not node.image.has_data and not all(node.image.size):
+    if node.image.source not in {"FILE", "GENERATED"} or (not node.image.has_data and not all(node.image.size)):
         return None
     placed = _coordinates(node.inputs["Vector"], s.groups)
     if placed is None:
@@ -251,7 +252,11 @@ def _coordinates(socket: bpy.types.NodeSocket, groups: Groups) -> Texture | None
 def _mapping(s: Source) -> Texture | None:
     """A mapping node over a UV map. glTF's v runs down, Blender's up; the transform is turned over with it."""
     inner = _coordinates(s.node.inputs["Vector"], s.groups)
-    if inner is None or replace(inner, uv_map="") != Texture(image=None) or s.node.vector_type not in {"POINT", "TEXTURE"}:
+    if (
+        inner is None
+        or replace(inner, uv_map="") != Texture(image=None)
+        or s.node.vector_type not in {"POINT", "TEXTURE"}
+    ):
         return None
     if any(source(s.node.inputs[name], s.groups).node for name in ("Location", "Rotation", "Scale")):
         return None

@@ -172,9 +172,7 @@ def _arrays(mesh: bpy.types.Mesh, materials: list[bpy.types.Material | None]) ->
     triangles = read(mesh.loop_triangles, "loops", 3 * len(mesh.loop_triangles), np.int32).reshape(-1, 3)
     polygons = read(mesh.loop_triangles, "polygon_index", len(mesh.loop_triangles), np.int32)
     slots = read(mesh.polygons, "material_index", len(mesh.polygons), np.int32)[polygons]
-    uv_maps = {
-        layer.name: read(layer.uv, "vector", 2 * corners, np.float32).reshape(-1, 2) for layer in mesh.uv_layers
-    }
+    uv_maps = {layer.name: read(layer.uv, "vector", 2 * corners, np.float32).reshape(-1, 2) for layer in mesh.uv_layers}
     active = next((layer.name for layer in mesh.uv_layers if layer.active_render), "")
     colors = {}
     for attribute in mesh.color_attributes:

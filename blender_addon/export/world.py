@@ -64,7 +64,9 @@ def _is_upward(socket: bpy.types.NodeSocket, groups: Groups) -> bool:
     if split.node is None or split.node.bl_idname != "ShaderNodeSeparateXYZ" or split.socket.name != "Z":
         return False
     origin = source(split.node.inputs[0], split.groups)
-    return origin.node is not None and origin.node.bl_idname == "ShaderNodeTexCoord" and origin.socket.name == "Generated"
+    return (
+        origin.node is not None and origin.node.bl_idname == "ShaderNodeTexCoord" and origin.socket.name == "Generated"
+    )
 
 
 def render_panorama(world: bpy.types.World, path: Path) -> None:

@@ -39,7 +39,9 @@ class Writer:
         self._accessors: dict[tuple[object, ...], int] = {}
         self._unlit: dict[tuple[object, ...], int] = {}
 
-    def collect(self, world: bpy.types.World | None, folder: Path, baked: Mapping[tuple[int, str], BakedColors]) -> None:
+    def collect(
+        self, world: bpy.types.World | None, folder: Path, baked: Mapping[tuple[int, str], BakedColors]
+    ) -> None:
         """Reads lamps, world and materials and lays out the document.
 
         `baked`: colours baked to textures, by (number of the mesh, name of the material).
@@ -146,7 +148,7 @@ class Writer:
         if wanted is not None:
             colors = data.colors.get(wanted or data.active_color)
             if colors is None:
-                message = f"the mesh has no colours named `{wanted}`, which `{material.name}` uses: white is taken"
+                message = f"the mesh has no colours named `{wanted}`, which its material uses: white is taken"
                 self.notes.append(Note(instance.name, message))
             else:
                 attributes["COLOR_0"] = accessor(f"color {wanted}", np.clip(colors, 0.0, 1.0))
@@ -192,7 +194,9 @@ def _oriented(data: MeshData, matrix: Matrix | None) -> tuple[Floats, Floats]:
     linear = change[:3, :3]
     positions = data.positions @ linear.T + change[:3, 3]
     # Normals follow the inverse transpose; its determinant may be zero for a flattened object.
-    cofactor = np.array([np.cross(linear[1], linear[2]), np.cross(linear[2], linear[0]), np.cross(linear[0], linear[1])])
+    cofactor = np.array(
+        [np.cross(linear[1], linear[2]), np.cross(linear[2], linear[0]), np.cross(linear[0], linear[1])]
+    )
     if np.linalg.det(linear) < 0:
         cofactor = -cofactor
     normals = data.normals @ cofactor.T
