@@ -84,12 +84,9 @@ def _area(lamp: Json, light: bpy.types.Light, power: Vector, matrix: Matrix) -> 
         radiance = power / (math.pi * area) if area > 0 else Vector((0.0, 0.0, 0.0))
     else:
         radiance = power / math.pi
-    # Blender keeps the power and narrows the beam: the radiance on the axis rises.
-    spread = light.spread
-    if spread < math.pi - 1e-4:
-        half = spread / 2
-        radiance = radiance * (math.tan(half) / (math.tan(half) - half))
-    lamp |= {"type": "disk" if is_round else "rect", "radiance": list(radiance), "size": size, "spread": spread}
+    lamp |= {"type": "disk" if is_round else "rect", "radiance": list(radiance), "size": size}
+    # The radiance is that of the whole half space: the baker narrows the beam and keeps the power, as Blender does.
+    lamp["spread"] = light.spread
 
 
 def _point_or_spot(lamp: Json, name: str, light: bpy.types.Light, power: Vector, notes: list[Note]) -> None:
