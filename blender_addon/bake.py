@@ -127,7 +127,8 @@ class Bake:
         chosen, notes = receivers.chosen(scene, layer, snapshot, maps)
         self.notes += notes
         if not chosen:
-            why = f" ({self.notes[0].place}: {self.notes[0].message})" if self.notes else ""
+            left_out = self.notes + snapshot.notes
+            why = f" (`{left_out[0].place}`: {left_out[0].message})" if left_out else ""
             raise BakeError(f"No object can get a lightmap{why}: select or show a mesh with faces")
         page = arrange(chosen, snapshot.meshes, scene.lightkiln.resolution_limit)
         if page.lowered < 0.95:

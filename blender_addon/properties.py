@@ -15,6 +15,9 @@ from bpy.props import (
 # Error targets of the presets, as fractions.
 PRESETS = {"PREVIEW": 0.1, "PRODUCTION": 0.02, "REFERENCE": 0.005}
 
+# Blender before 4.5 takes every path as one that may begin with //, and does not know the option that says so.
+_PATH_OPTIONS = {"PATH_SUPPORTS_BLEND_RELATIVE"} if bpy.app.version >= (4, 5, 0) else set()
+
 
 def _apply_preset(settings: bpy.types.PropertyGroup, _context: bpy.types.Context) -> None:
     if settings.preset in PRESETS:
@@ -103,6 +106,7 @@ class LIGHTKILN_PG_scene(bpy.types.PropertyGroup):
         description="Folder for lightmaps and exports; // is the folder of the .blend",
         default="//lightmaps",
         subtype="DIR_PATH",
+        options=_PATH_OPTIONS,
     )
     write_glb: BoolProperty(
         name="Lit GLB",

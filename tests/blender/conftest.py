@@ -7,15 +7,11 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
+import bpy
 import pytest
 
-ROOT = Path(__file__).resolve().parents[2]
-sys.path[:0] = [str(ROOT), str(ROOT / "tests" / "python")]
-
-import bpy  # noqa: E402 (Blender's modules want the path as it will be)
-
-import blender_addon  # noqa: E402
-from baker import program  # noqa: E402
+import blender_addon
+from baker import program
 
 
 @pytest.fixture(autouse=True)

@@ -9,7 +9,7 @@ import bpy
 import numpy as np
 import pytest
 
-from scenes_in_blender import bake, irradiance, lamp, material, pixels, place, quad
+from tests.blender.scenes_in_blender import bake, irradiance, lamp, material, pixels, place, quad
 
 POWER = 100.0
 
@@ -35,7 +35,7 @@ def test_every_face_of_a_cube_has_its_own_light() -> None:
         centre = cube.matrix_world @ face.center
         normal = (cube.matrix_world.to_3x3().inverted_safe().transposed() @ face.normal).normalized()
         way = np.array(position) - np.array(centre)
-        cosine = max(float(np.dot(way, normal)) / np.linalg.norm(way), 0.0)
+        cosine = max(float(np.dot(way, normal)) / float(np.linalg.norm(way)), 0.0)
         expected = lit_by_point(float(np.linalg.norm(way))) * cosine
         assert irradiance(cube, face.index) == pytest.approx(np.full(3, expected), rel=0.01, abs=1e-3)
         lit += expected > 0

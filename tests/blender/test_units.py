@@ -10,7 +10,7 @@ import bpy
 import numpy as np
 import pytest
 
-from scenes_in_blender import bake, irradiance, lamp, material, pixels, quad, world
+from tests.blender.scenes_in_blender import bake, irradiance, lamp, material, pixels, quad, world
 
 # Power, and the lamp's height over the receiver.
 P, H = 100.0, 2.0
@@ -119,7 +119,7 @@ def test_newer_settings_have_their_strength(name: str) -> None:
     if not hasattr(bpy.types.PointLight, "exposure") and "exposure" not in bpy.types.PointLight.bl_rna.properties:
         pytest.skip("this Blender's lamps have neither exposure nor normalization")
     receiver = quad("Receiver")
-    soft = {} if kind in {"AREA", "SUN"} else {"shadow_soft_size": 0.5}
+    soft: dict[str, Any] = {} if kind in {"AREA", "SUN"} else {"shadow_soft_size": 0.5}
     lamp(kind, energy=P, **soft, **settings)
     bake()
     assert irradiance(receiver) == pytest.approx(np.broadcast_to(expected, 3), rel=0.005)
