@@ -100,7 +100,7 @@ def prepare_browser() -> None:
 
 def blender_tests() -> None:
     """The add-on's tests in bpy, or word that this machine cannot have it."""
-    command = [sys.executable, ROOT / "tests" / "blender" / "run.py"]
+    command = [sys.executable, str(ROOT / "tests" / "blender" / "run.py")]
     print("$", *command, flush=True)
     code = subprocess.run(command, cwd=ROOT, check=False).returncode
     # 77 says that bpy cannot be installed here, which the script has explained.

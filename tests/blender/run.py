@@ -68,7 +68,15 @@ def main() -> int:
             worst = worst or SKIPPED
             continue
         print(f"--- bpy {version}", flush=True)
-        command = [python, "-m", "pytest", "-q", "-W", "ignore::DeprecationWarning", ROOT / "tests" / "blender"]
+        command = [
+            str(python),
+            "-m",
+            "pytest",
+            "-q",
+            "-W",
+            "ignore::DeprecationWarning",
+            str(ROOT / "tests" / "blender"),
+        ]
         worst = max(worst, subprocess.run(command, cwd=ROOT, check=False, timeout=TIMEOUT).returncode)
     return worst
 

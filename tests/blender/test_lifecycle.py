@@ -45,7 +45,8 @@ def state_of_file() -> dict[str, Any]:
     slots = {
         ob.name: [(s.link, s.material.name if s.material else None) for s in ob.material_slots] for ob in data.objects
     }
-    properties = {ob.name: sorted(ob.keys()) for ob in data.objects}
+    # Before 5.0 an add-on's settings count as a custom property as soon as they are looked at.
+    properties = {ob.name: sorted(k for k in ob.keys() if k != "lightkiln") for ob in data.objects}  # noqa: SIM118
     maps = {m.name: [(u.name, u.active, u.active_render) for u in m.uv_layers] for m in data.meshes}
     marks = {m.name: sorted(m.keys()) for m in data.meshes}
     return {"blocks": blocks, "slots": slots, "properties": properties, "maps": maps, "marks": marks}
