@@ -58,6 +58,13 @@ class Writer:
             self._glb.scene_extension["environment"] = sky
         self.notes += self._materials.notes
 
+    def unread(self, mesh: int) -> dict[str, frozenset[str]]:
+        """Channels that cannot be read from the nodes, by material of a mesh."""
+        data = self._snapshot.meshes[mesh]
+        used = {data.materials[slot] for slot in np.unique(data.slots).tolist()}
+        surfaces = {m.name_full: self._materials.surface(m) for m in used if m}
+        return {name: surface.unread for name, surface in surfaces.items() if surface.unread}
+
     def is_dark(self) -> bool:
         """True if nothing that was collected gives light."""
         extension = self._glb.scene_extension

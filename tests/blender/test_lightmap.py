@@ -206,3 +206,58 @@ def test_the_applied_lightmap_renders_like_the_lit_scene(tmp_path: Path) -> None
     assert ratio == pytest.approx(1.0, abs=0.005)
     off = np.abs(shown - truth).max(axis=2) / truth.mean()
     assert np.median(off) < 0.02
+
+
+def procedural(name: str, *, glows: bool) -> bpy.types.Material:
+    """Red where generated X is below a half, black elsewhere: as reflectance, or as emission of 10."""
+    made = material(name, "ShaderNodeBsdfPrincipled")
+    tree = made.node_tree
+    shader = next(n for n in tree.nodes if n.bl_idname == "ShaderNodeBsdfPrincipled")
+    coordinate, split = tree.nodes.new("ShaderNodeTexCoord"), tree.nodes.new("ShaderNodeSeparateXYZ")
+    ramp = tree.nodes.new("ShaderNodeValToRGB")
+    ramp.color_ramp.interpolation = "CONSTANT"
+    ramp.color_ramp.elements[0].color, ramp.color_ramp.elements[1].color = (1, 0, 0, 1), (0, 0, 0, 1)
+    ramp.color_ramp.elements[1].position = 0.5
+    tree.links.new(coordinate.outputs["Generated"], split.inputs[0])
+    tree.links.new(split.outputs["X"], ramp.inputs[0])
+    shader.inputs["Base Color"].default_value = (0, 0, 0, 1)
+    if glows:
+        tree.links.new(ramp.outputs["Color"], shader.inputs["Emission Color"])
+        shader.inputs["Emission Strength"].default_value = 10
+    else:
+        tree.links.new(ramp.outputs["Color"], shader.inputs["Base Color"])
+    return made
+
+
+def test_procedural_emission_is_baked_to_a_texture() -> None:
+    low, high = quad("Low", at=(-0.25, 0, -1)), quad("High", at=(0.25, 0, -1))
+    panel = quad("Panel", 1, rotation_euler=(math.pi, 0, 0))
+    panel.data.materials.append(procedural("Half a panel", glows=True))
+    before = [len(getattr(bpy.data, name)) for name in ("scenes", "images", "meshes", "objects", "materials")]
+    bake(error=2)
+    bpy.ops.lightkiln.remove()
+    after = [len(getattr(bpy.data, name)) for name in ("scenes", "images", "meshes", "objects", "materials")]
+    assert after == before
+    bake(error=2)
+    # The left half of the square shines, so what lies below it gets more; nothing is green.
+    left, right = irradiance(low), irradiance(high)
+    squares = np.linspace(-0.5, 0.0, 201)[:-1] + 0.00125
+    x, y = np.meshgrid(squares, np.linspace(-0.5, 0.5, 401)[:-1] + 0.00125)
+    expected = [10 * (1 / ((x - at) ** 2 + y**2 + 1) ** 2).mean() * 0.5 for at in (-0.25, 0.25)]
+    assert left[0] == pytest.approx(expected[0], rel=0.02)
+    assert right[0] == pytest.approx(expected[1], rel=0.02)
+    assert left[1] < 0.01 * left[0]
+    assert any("baked to a texture" in note.message for note in bpy.context.scene.lightkiln.notes)
+
+
+def test_procedural_colour_bounces() -> None:
+    ceiling = quad("Ceiling", 0.02, (0, 0, 1), rotation_euler=(math.pi, 0, 0))
+    ground = quad("Ground", 4)
+    ground.data.materials.append(procedural("Half a ground", glows=False))
+    lamp("SUN", energy=3, angle=0)
+    ceiling.lightkiln.casts_shadow = False
+    bake(density=8, error=2)
+    value = irradiance(ceiling)
+    # Half of the ground reflects all red light: at most half of what a full ground would send up.
+    assert 0.3 * 3 < value[0] < 0.5 * 3
+    assert value[1] < 0.02 * value[0]
