@@ -48,7 +48,7 @@ class _SettingsPanel:
         column = layout.column()
         column.prop(settings, "preset")
         column.prop(settings, "error")
-        column.label(text="No samples to set and no denoiser: the error is what you choose", icon="INFO")
+        _wrapped(column, "There are no samples and no denoiser: the error is what you choose", "INFO", context)
         column = layout.column()
         column.prop(settings, "density")
         column.prop(settings, "resolution_limit")

@@ -72,7 +72,6 @@ def steps() -> Iterator[float]:
     """The walk through the add-on; yields seconds to wait."""
     global longest
     yield 1.0
-    bpy.context.preferences.view.show_splash = False
     bpy.ops.preferences.addon_enable(module=ADDON)
     session = sys.modules[f"{ADDON}.session"]
     bpy.data.objects.remove(bpy.data.objects["Cube"])
@@ -132,6 +131,7 @@ def steps() -> Iterator[float]:
     print("GUI PASS", flush=True)
 
 
+bpy.context.preferences.view.show_splash = False
 walk = steps()
 
 
