@@ -85,13 +85,16 @@ def _reachable(scene: bpy.types.Scene) -> list[bpy.types.Object]:
 def remove(scene: bpy.types.Scene, *, keep_maps: bool = False, keep_image: bool = False) -> None:
     """Takes everything away that baking added to the scene."""
     lit: set[bpy.types.Material] = set()
+    bare: set[bpy.types.Mesh] = set()
     for ob in lit_objects(scene):
         lit.update(m for m in ob[STATE]["lit"].values() if m)
         _show_original(ob)
         del ob[STATE]
-        if ob.data.get(_ADDED_SLOT):
-            ob.data.materials.clear()
-            del ob.data[_ADDED_SLOT]
+        bare.add(ob.data)
+    # Only when no object of a shared mesh needs the slot any more.
+    for mesh in [mesh for mesh in bare if mesh.get(_ADDED_SLOT)]:
+        mesh.materials.clear()
+        del mesh[_ADDED_SLOT]
     meshes = set()
     for ob in _reachable(scene):
         for name in [k for k in ob.keys() if k.startswith(PLACE)]:  # noqa: SIM118 (not a dictionary)

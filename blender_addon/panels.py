@@ -3,7 +3,7 @@
 
 import bpy
 
-from . import session
+from . import copies, session
 
 # Notes that the panel lists; the rest is counted.
 MOST_NOTES = 12
@@ -58,6 +58,9 @@ class _SettingsPanel:
         if settings.scope == "COLLECTION":
             column.prop(settings, "collection")
         column.prop(settings, "shared")
+        column.operator("lightkiln.make_copies")
+        if copies.collection_of(context.scene) is not None:
+            column.operator("lightkiln.restore_originals")
         column = layout.column()
         column.prop(settings, "storage")
         column.prop(settings, "write_glb")
@@ -202,7 +205,8 @@ class LIGHTKILN_PT_object(bpy.types.Panel):
         settings = context.object.lightkiln
         layout.prop(settings, "casts_shadow")
         if context.object.type != "MESH":
-            layout.label(text="Only meshes get a lightmap: convert it to one", icon="INFO")
+            layout.label(text="Only meshes get a lightmap", icon="INFO")
+            layout.operator("lightkiln.make_copies")
             return
         layout.prop(settings, "exclude")
         column = layout.column()

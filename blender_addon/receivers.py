@@ -76,7 +76,9 @@ def prepare(
         if not ob.data.polygons:
             if not any(m.type == "NODES" for m in ob.modifiers):
                 continue
-            notes.append(Note(ob.name, "its mesh has no faces of its own, so it gets no lightmap: apply its modifiers"))
+            notes.append(
+                Note(ob.name, "its mesh has no faces of its own, so it gets no lightmap: Make Copies for Lightmap")
+            )
             continue
         own = ob.lightkiln.uv_map
         if own and own not in ob.data.uv_layers:

@@ -22,7 +22,7 @@ Ints = npt.NDArray[np.int32]
 # (session_uid of the object, session_uid of the instancer or 0, place within the instancer)
 InstanceKey = tuple[int, int, tuple[int, ...]]
 _UNUSED = 2147483647
-_LIT_TYPES = {"MESH", "CURVE", "SURFACE", "FONT", "META"}
+LIT_TYPES = {"MESH", "CURVE", "SURFACE", "FONT", "META"}
 
 
 @dataclass
@@ -77,10 +77,12 @@ def take(scene: bpy.types.Scene, view_layer: bpy.types.ViewLayer) -> Snapshot:
                 continue
             if ob.type == "LIGHT":
                 snapshot.lamps.append((_name(place), ob.original.data, place.matrix_world.copy()))
-            elif ob.type in _LIT_TYPES:
+            elif ob.type in LIT_TYPES:
                 _add_mesh(snapshot, known, unreal, place)
     for name, count in unreal.items():
-        message = f"{count} instances cast and reflect light, but have no lightmap of their own: make them real for one"
+        message = (
+            f"{count} instances cast and reflect light, but have no lightmap: select it and Make Copies for Lightmap"
+        )
         snapshot.notes.append(Note(name, message))
     return snapshot
 

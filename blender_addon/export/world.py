@@ -2,12 +2,13 @@
 """The sky: a world's node tree → the environment of LIGHTKILN_scene.
 
 A constant or a gradient between horizon and zenith is written as numbers. Any other tree is rendered by Cycles as a
-lat-long panorama, in linear radiance, to an EXR beside the GLB: its centre looks along Blender's +Y (glTF's −Z), its
-right is Blender's +X, its upper edge is up.
+lat-long panorama, in linear radiance, to an EXR beside the GLB: its centre looks along +X, its
+right half turns from there to Blender's −Y (glTF's +Z), its upper edge is up.
 """
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import bpy
@@ -77,8 +78,8 @@ def render_panorama(world: bpy.types.World, path: Path) -> None:
     try:
         scene.collection.objects.link(camera)
         scene.camera, scene.world = camera, world
-        # Looking along +Y, upright.
-        camera.rotation_euler = (1.5707963267948966, 0.0, 0.0)
+        # Looking along +X, upright.
+        camera.rotation_euler = (math.pi / 2, 0.0, -math.pi / 2)
         camera_data.type = "PANO"
         # The panorama's settings moved from Cycles to the camera in 5.0.
         panorama = camera_data if hasattr(camera_data, "panorama_type") else camera_data.cycles

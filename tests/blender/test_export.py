@@ -153,19 +153,23 @@ def test_shared_meshes_share_their_data(tmp_path: Path) -> None:
     assert first["attributes"]["TEXCOORD_1"] != second["attributes"]["TEXCOORD_1"]
 
 
-def test_instances_of_geometry_nodes_are_written_and_named(tmp_path: Path) -> None:
+def scatter(field: bpy.types.Object, pebble: bpy.types.Object) -> None:
+    """Lets geometry nodes put one instance on each corner of the field, in place of its faces."""
     tree = bpy.data.node_groups.new("Scatter", "GeometryNodeTree")
     tree.interface.new_socket("Geometry", in_out="INPUT", socket_type="NodeSocketGeometry")
     tree.interface.new_socket("Geometry", in_out="OUTPUT", socket_type="NodeSocketGeometry")
     start, end = tree.nodes.new("NodeGroupInput"), tree.nodes.new("NodeGroupOutput")
     scatter, info = tree.nodes.new("GeometryNodeInstanceOnPoints"), tree.nodes.new("GeometryNodeObjectInfo")
-    info.inputs["Object"].default_value = quad("Pebble", 0.1, (5, 0, 0))
+    info.inputs["Object"].default_value = pebble
     info.inputs["As Instance"].default_value = True
     tree.links.new(start.outputs[0], scatter.inputs["Points"])
     tree.links.new(info.outputs["Geometry"], scatter.inputs["Instance"])
     tree.links.new(scatter.outputs[0], end.inputs[0])
-    field = quad("Field", 2)
     field.modifiers.new("Scatter", "NODES").node_group = tree
+
+
+def test_instances_of_geometry_nodes_are_written_and_named(tmp_path: Path) -> None:
+    scatter(quad("Field", 2), quad("Pebble", 0.1, (5, 0, 0)))
     glb, notes, path = export(tmp_path)
     pebbles = [n for n in glb.json["nodes"] if n["name"] == "Field/Pebble"]
     assert len(pebbles) == 4
@@ -189,14 +193,14 @@ def test_the_sky_is_numbers_or_a_panorama(tmp_path: Path) -> None:
     tree.links.new(join.outputs[0], background.inputs["Color"])
     glb, _, _ = export(tmp_path)
     assert glb.json["extensions"]["LIGHTKILN_scene"]["environment"]["image"] == "sky.exr"
-    # The sky's colour is its direction: +X at the right, +Y in the middle, +Z above; strength 2.
+    # The sky's colour is its direction: +X in the middle, +Y at the left, +Z above; strength 2.
     sky = bpy.data.images.load(str(tmp_path / "sky.exr"))
     width, height = sky.size
     flat = np.empty(width * height * 4, np.float32)
     sky.pixels.foreach_get(flat)
     rows = flat.reshape(height, width, 4)[..., :3]
-    assert rows[height // 2, width // 2] == pytest.approx((0, 2, 0), abs=0.03)
-    assert rows[height // 2, 3 * width // 4] == pytest.approx((2, 0, 0), abs=0.03)
+    assert rows[height // 2, width // 2] == pytest.approx((2, 0, 0), abs=0.03)
+    assert rows[height // 2, width // 4] == pytest.approx((0, 2, 0), abs=0.03)
     assert rows[-1, width // 2] == pytest.approx((0, 0, 2), abs=0.03)
 
 

@@ -134,6 +134,43 @@ def test_temperature_colours_the_light() -> None:
     assert irradiance(receiver) == pytest.approx(POINT * np.array(ob.data.temperature_color), rel=0.005)
 
 
+def test_a_beam_keeps_its_power() -> None:
+    receiver = quad("Receiver")
+    half = math.radians(45)
+    lamp("AREA", energy=P, shape="SQUARE", size=0.02, spread=2 * half)
+    bake()
+    on_axis = P / (PI * H * H) * math.tan(half) / (math.tan(half) - half)
+    assert irradiance(receiver) == pytest.approx(np.full(3, on_axis), rel=0.005)
+
+
+def test_a_sky_of_nodes_shines_from_where_it_should() -> None:
+    """A sky whose colour is its direction: red from +X, green from +Y, blue from above."""
+    tree = world((0, 0, 0), 1).node_tree
+    background = next(n for n in tree.nodes if n.bl_idname == "ShaderNodeBackground")
+    split, coordinate = tree.nodes.new("ShaderNodeSeparateXYZ"), tree.nodes.new("ShaderNodeTexCoord")
+    join = tree.nodes.new("ShaderNodeCombineXYZ")
+    tree.links.new(coordinate.outputs["Generated"], split.inputs[0])
+    for axis in "XYZ":
+        clamp = tree.nodes.new("ShaderNodeMath")
+        clamp.operation = "MAXIMUM"
+        clamp.inputs[1].default_value = 0
+        tree.links.new(split.outputs[axis], clamp.inputs[0])
+        tree.links.new(clamp.outputs[0], join.inputs[axis])
+    tree.links.new(join.outputs[0], background.inputs["Color"])
+    up = quad("Up")
+    to_x = quad("To X", at=(3, 0, 0), rotation_euler=(0, PI / 2, 0))
+    to_y = quad("To Y", at=(0, 3, 0), rotation_euler=(-PI / 2, 0, 0))
+    sun = lamp("SUN", energy=1, angle=0)
+    sun.data.color = (0, 0, 1)
+    bake()
+    if any("not lit" in note.message for note in bpy.context.scene.lightkiln.notes):
+        pytest.skip("this baker does not light sky images")
+    along, across = 2 * PI / 3, 2 / 3
+    assert irradiance(to_x) == pytest.approx((along, across, across), rel=0.01)
+    assert irradiance(to_y) == pytest.approx((across, along, across), rel=0.01)
+    assert irradiance(up) == pytest.approx((across, across, along + 1), rel=0.01)
+
+
 def cycles_irradiance(ob: bpy.types.Object) -> Any:
     """Mean irradiance on an object by Cycles' bake."""
     scene = bpy.context.scene
@@ -158,10 +195,14 @@ def cycles_irradiance(ob: bpy.types.Object) -> Any:
     return math.pi * pixels(image).mean(axis=(0, 1))
 
 
-@pytest.mark.parametrize("name", ["sphere", "spot off its axis", "ellipse", "world"])
+COMPARED = {name: LAMPS[name][1] for name in ("sphere", "spot off its axis", "ellipse", "world", "emission")}
+COMPARED["beam"] = lambda: lamp("AREA", energy=P, shape="DISK", size=1, spread=math.radians(120))
+
+
+@pytest.mark.parametrize("name", COMPARED)
 def test_strength_is_that_of_cycles(name: str) -> None:
     receiver = quad("Receiver")
-    LAMPS[name][1]()
+    COMPARED[name]()
     bake()
     ours = irradiance(receiver)
     bpy.ops.lightkiln.remove()
