@@ -104,11 +104,10 @@ def remove(scene: bpy.types.Scene, *, keep_maps: bool = False, keep_image: bool 
     for material in lit:
         if material.users == 0:
             bpy.data.materials.remove(material)
+    remove_groups()
     image = scene.lightkiln.image
-    if image is not None:
-        remove_groups(image)
-        if not keep_image:
-            bpy.data.images.remove(image)
+    if image is not None and not keep_image:
+        bpy.data.images.remove(image)
     if not keep_maps:
         for mesh in meshes:
             remove_map(mesh)

@@ -30,6 +30,8 @@ from .result_files import check_folder, store_glb, store_image
 
 # Seconds between two looks at the baker.
 POLL = 0.05
+# Error of the preview, percent. It is worth its time where the bake aims for less than half of that.
+PREVIEW = 30.0
 
 
 @dataclass
@@ -45,8 +47,11 @@ class Progress:
 class Bake:
     """A bake of one scene."""
 
-    def __init__(self, scene: bpy.types.Scene, view_layer: bpy.types.ViewLayer) -> None:
-        """Prepares to bake the scene as the view layer shows it."""
+    def __init__(self, scene: bpy.types.Scene, view_layer: bpy.types.ViewLayer, *, preview: bool) -> None:
+        """Prepares to bake the scene as the view layer shows it. A preview needs a scene without lightmap."""
+        settings = scene.lightkiln
+        self.shows_preview = False
+        self._preview = preview and settings.preview and settings.image is None and settings.error < PREVIEW / 2
         self.progress = Progress()
         self.notes: list[Note] = []
         self._scene_uid = scene.session_uid
@@ -105,16 +110,28 @@ class Bake:
         self.progress.stage = "export"
         path = folder / "scene.glb"
         yield from self._in_thread(lambda: writer.finish(path))
-        error = scene.lightkiln.error
-        options = ["--uv", "keep", "--resolution", str(page.side), "--quantity", "radiance", "--error", f"{error:.4g}%"]
-        self._job = Job(baker, path, folder / "out", options)
-        yield from self._watch(self._job)
-        self._job.result()
-
-        self.notes += self._job.notes
+        if self._preview:
+            yield from self._run(baker, path, folder / "preview", page, PREVIEW)
+            self._finish(folder / "preview", page, chosen)
+            # What is shown now needs what was changed for it.
+            self._changes, self.shows_preview = Changes(), True
+            yield
+        job = yield from self._run(baker, path, folder / "out", page, scene.lightkiln.error)
+        self.notes += job.notes
         self.progress.stage, self.progress.done, self.progress.eta = "apply", 1.0, None
         yield
         self._finish(folder / "out", page, chosen)
+        self.shows_preview = False
+        if self.scene.lightkiln.write_glb:
+            store_glb(self.scene, folder / "out" / "scene.lit.glb")
+
+    def _run(self, baker: Path, scene: Path, out: Path, page: Page, error: float) -> Generator[None, None, Job]:
+        """Runs the baker to its end."""
+        options = ["--uv", "keep", "--resolution", str(page.side), "--quantity", "radiance", "--error", f"{error:.4g}%"]
+        self._job = job = Job(baker, scene, out, options)
+        yield from self._watch(job)
+        job.result()
+        return job
 
     def _read(self, scene: bpy.types.Scene, folder: Path) -> tuple[Page, list[Receiver], Writer]:
         """Everything that needs the scene, in one go."""
@@ -210,7 +227,5 @@ class Bake:
             placed.append(apply.Placed(ob, carrier, attribute, receiver.uv_map, values))
         image = store_image(scene, results / "lightmap_0.exr")
         apply.apply(scene, image, placed)
-        if scene.lightkiln.write_glb:
-            store_glb(scene, results / "scene.lit.glb")
         seconds = time.monotonic() - self.progress.started
         scene.lightkiln.summary = f"{len(placed)} objects on {page.side} × {page.side} texels in {seconds:.1f} s"

@@ -190,12 +190,12 @@ def set_light_only(image: bpy.types.Image | None, on: bool) -> None:
             tree.nodes[LIGHT_ONLY].outputs[0].default_value = float(on)
 
 
-def remove_groups(image: bpy.types.Image) -> None:
-    """Removes the node groups of a lightmap, and copies of the user's groups, that nobody uses any more."""
+def remove_groups() -> None:
+    """Removes the node groups of lightmaps, and copies of the user's groups, that nobody uses any more."""
     for tree in list(bpy.data.node_groups):
         # A user's group that was copied may hold one of ours, so it goes first.
         if tree.get(COPY) and tree.users == 0:
             bpy.data.node_groups.remove(tree)
     for tree in list(bpy.data.node_groups):
-        if tree.get(SHOWS) == image and tree.users == 0:
+        if SHOWS in tree and tree.users == 0:
             bpy.data.node_groups.remove(tree)

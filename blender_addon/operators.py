@@ -46,7 +46,7 @@ class LIGHTKILN_OT_bake(bpy.types.Operator):
             if bpy.app.background or not context.window_manager.windows:
                 self.report({"INFO"}, session.run_blocking(context.scene, context.view_layer))
             else:
-                session.start(context.scene, context.view_layer)
+                session.start(context.scene, context.view_layer, preview=True)
                 session.run_in_window()
         except BakeError as error:
             self.report({"ERROR"}, str(error))
@@ -92,7 +92,9 @@ class _OnLightmap:
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         """The scene must have a lightmap, and no bake may be running."""
-        return session.running is None and context.scene.lightkiln.image is not None
+        settings = context.scene.lightkiln
+        # The user may have deleted the image; what shows it can still be removed.
+        return session.running is None and (settings.image is not None or settings.view != "ORIGINAL")
 
 
 class LIGHTKILN_OT_view(_OnLightmap, bpy.types.Operator):

@@ -29,7 +29,7 @@ class _BakePanel:
                 _wrapped(layout, session.failure, "ERROR", context)
             elif settings.summary:
                 layout.label(text=settings.summary, icon="CHECKMARK")
-        if settings.image is not None:
+        if settings.image is not None or settings.view != "ORIGINAL":
             _draw_result(layout, settings)
 
 
@@ -49,6 +49,7 @@ class _SettingsPanel:
         column.prop(settings, "preset")
         column.prop(settings, "error")
         _wrapped(column, "There are no samples and no denoiser: the error is what you choose", "INFO", context)
+        column.prop(settings, "preview")
         column = layout.column()
         column.prop(settings, "density")
         column.prop(settings, "resolution_limit")

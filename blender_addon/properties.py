@@ -66,6 +66,11 @@ class LIGHTKILN_PG_scene(bpy.types.PropertyGroup):
         precision=1,
         update=_leave_preset,
     )
+    preview: BoolProperty(
+        name="Preview First",
+        description="Show a coarse lightmap while the first bake of a scene goes on. It takes a little longer",
+        default=True,
+    )
     density: FloatProperty(
         name="Texel Density", description="Texels per metre", default=16.0, min=0.01, soft_max=256.0, max=4096.0
     )

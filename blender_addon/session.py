@@ -30,14 +30,14 @@ running: Session | None = None
 failure = ""
 
 
-def start(scene: bpy.types.Scene, view_layer: bpy.types.ViewLayer) -> Session:
-    """Makes a bake the running one. Raises BakeError if another one runs."""
+def start(scene: bpy.types.Scene, view_layer: bpy.types.ViewLayer, *, preview: bool = False) -> Session:
+    """Makes a bake the running one, with a preview before it or not. Raises BakeError if another one runs."""
     global running, failure
     if running is not None:
         raise BakeError(f"`{running.scene_name}` is being baked: wait for it or cancel it")
     failure = ""
     scene.lightkiln.notes.clear()
-    running = Session(Bake(scene, view_layer))
+    running = Session(Bake(scene, view_layer, preview=preview))
     return running
 
 
@@ -96,7 +96,8 @@ def _tick() -> float | None:
         bpy.ops.ed.undo_push(message="Lightkiln Bake")
         return None
     except Cancelled:
-        _end(session, "Cancelled: nothing was changed")
+        kept = "the preview is kept" if session.bake.shows_preview else "nothing was changed"
+        _end(session, f"Cancelled: {kept}")
     except BakeError as error:
         _end(session, str(error))
     except Exception as error:
@@ -135,7 +136,8 @@ def status(bake: Bake) -> str:
     """One line on how far the bake is."""
     progress = bake.progress
     eta = f", {_duration(progress.eta)} left" if progress.eta is not None else ""
-    return f"Lightkiln: {progress.stage} {100 * progress.done:.0f} %{eta}"
+    what = f"preview shown, {progress.stage}" if bake.shows_preview else progress.stage
+    return f"Lightkiln: {what} {100 * progress.done:.0f} %{eta}"
 
 
 def _duration(seconds: float) -> str:

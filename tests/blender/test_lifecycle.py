@@ -239,7 +239,37 @@ def test_the_zip_is_valid_and_repairs_its_program(tmp_path: Path, monkeypatch: p
 def test_linked_duplicates_keep_their_mesh() -> None:
     floor, _ = room()
     place("Twin", floor.data, (3, 0, 0))
+    before = state_of_file()
     bake(density=8, error=10)
     assert floor.data.users == 2
     places = [np.array(bpy.data.objects[n]["lightkiln_place"]) for n in ("Floor", "Twin")]
     assert not np.allclose(places[0], places[1])
+    bpy.ops.lightkiln.remove()
+    assert state_of_file() == before
+
+
+def test_a_preview_is_shown_first_and_kept_when_cancelled() -> None:
+    floor, _ = room()
+    settings = bpy.context.scene.lightkiln
+    settings.density, settings.error = 32, 0.5
+    running = session.start(bpy.context.scene, bpy.context.view_layer, preview=True)
+    for _ in running.steps:
+        if running.bake.shows_preview:
+            break
+    assert settings.view == "LIT"
+    coarse = pixels(settings.image).mean()
+    assert coarse > 0
+    session.stop()
+    assert "lightkiln_place" in floor
+    assert "Lightmap" in floor.data.uv_layers
+    bake(density=32, error=2)
+    assert pixels(settings.image).mean() == pytest.approx(coarse, rel=0.2)
+
+
+def test_a_lightmap_whose_image_was_deleted_can_be_removed() -> None:
+    room()
+    before = state_of_file()
+    bake(density=8, error=10)
+    bpy.data.images.remove(bpy.context.scene.lightkiln.image)
+    assert bpy.ops.lightkiln.remove() == {"FINISHED"}
+    assert state_of_file() == before
