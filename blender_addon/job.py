@@ -78,7 +78,7 @@ class Job:
             self.done = float(event.get("overall") or event.get("done") or 0.0)
             self.eta = event.get("eta_s")
         elif kind == "warning":
-            self.notes.append(Note(event.get("place", ""), event.get("message", "")))
+            self.notes.append(_note(event))
         elif kind == "error":
             self._error = event.get("message", "")
         elif kind == "result":
@@ -115,6 +115,23 @@ class Job:
         for stream in (self._process.stdin, self._process.stdout, self._process.stderr):
             if stream and not stream.closed:
                 stream.close()
+
+
+# The baker's remedies are flags of its command line; these are the add-on's own, by the warning's code.
+_REMEDIES = {
+    "texcoord_overlap": "its UV map lies upon itself, so faces share light: unwrap it again, "
+    "or Make Copies for Lightmap if a modifier repeats its faces",
+    "texcoord_meeting": "faces on different sides of an edge share texels: raise the texel density, "
+    "or leave more space between the islands of its UV map",
+    "texcoord_outside": "its UV map leaves the page: Make Copies for Lightmap if a modifier moves it there",
+    "texcoord_degenerate": "some faces have no area in its UV map and stay dark: unwrap it again",
+}
+
+
+def _note(event: dict[str, Any]) -> Note:
+    """A warning of the baker in the words of the add-on."""
+    message = _REMEDIES.get(event.get("code", ""), event.get("message", ""))
+    return Note(event.get("place", ""), message)
 
 
 def watched(command: list[str]) -> list[str]:

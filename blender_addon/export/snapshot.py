@@ -80,10 +80,12 @@ def take(scene: bpy.types.Scene, view_layer: bpy.types.ViewLayer) -> Snapshot:
             elif ob.type in LIT_TYPES:
                 _add_mesh(snapshot, known, unreal, place)
     for name, count in unreal.items():
-        message = (
-            f"{count} instances cast and reflect light, but have no lightmap: select it and Make Copies for Lightmap"
+        what = (
+            f"{count} instances block and reflect light, but have no lightmap"
+            if count
+            else "only meshes get a lightmap"
         )
-        snapshot.notes.append(Note(name, message))
+        snapshot.notes.append(Note(name, f"{what}: select it and use Make Copies for Lightmap"))
     return snapshot
 
 
@@ -131,7 +133,9 @@ def _add_mesh(
         snapshot.meshes.append(data)
     one_level = len([i for i in place.persistent_id if i != _UNUSED]) == 1
     of_collection = parent is not None and parent.instance_type == "COLLECTION" and one_level
-    if parent is not None and not of_collection:
+    if ob.original.type != "MESH" and parent in {None, ob.original}:
+        unreal.setdefault(ob.original.name, 0)
+    elif parent is not None and not of_collection:
         unreal[parent.name] = unreal.get(parent.name, 0) + 1
     original = ob.original
     snapshot.instances.append(
