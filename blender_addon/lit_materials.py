@@ -10,8 +10,10 @@ from __future__ import annotations
 import bpy
 
 SOURCE = "lightkiln_source"
-# Marks node groups: the lightmap's image that a group shows, and copies of the user's groups.
+# Marks node groups: those that show a lightmap, and copies of the user's groups. Marks of trees must not refer to other
+# data: Blender copies trees for drawing without counting such references.
 SHOWS, COPY = "lightkiln_shows", "lightkiln_copy"
+LIGHTMAP = "Lightmap"
 LIGHT_ONLY = "Light Only"
 # Reflectance that the light is shown on alone.
 GREY = (0.8, 0.8, 0.8, 1.0)
@@ -41,7 +43,7 @@ def lit_material(
     else:
         material = source.copy()
         material.name = f"{source.name} Lightmap"
-        material[SOURCE] = source
+        material[SOURCE] = source.name
     if not getattr(material, "use_nodes", True) or material.node_tree is None:
         material.use_nodes = True
     # The surface shows light that was baked; it must not be sampled as a lamp.
@@ -106,10 +108,10 @@ def _stand_in(tree: bpy.types.NodeTree, node: bpy.types.Node, group: bpy.types.N
 def _group(image: bpy.types.Image, uv_map: str, attribute: str) -> bpy.types.NodeTree:
     """The node group for a UV map and a place, made on first use."""
     for tree in bpy.data.node_groups:
-        if tree.get(SHOWS) == image and tree.get("uv_map") == uv_map and tree.get("attribute") == attribute:
+        if _shows(tree, image) and tree.get("uv_map") == uv_map and tree.get("attribute") == attribute:
             return tree
     tree = bpy.data.node_groups.new("Lightkiln", "ShaderNodeTree")
-    tree[SHOWS], tree["uv_map"], tree["attribute"] = image, uv_map, attribute
+    tree[SHOWS], tree["uv_map"], tree["attribute"] = True, uv_map, attribute
     for name, kind, default in _INPUTS:
         tree.interface.new_socket(name, in_out="INPUT", socket_type=kind).default_value = default
     tree.interface.new_socket("Shader", in_out="OUTPUT", socket_type="NodeSocketShader")
@@ -148,7 +150,7 @@ def _fill(tree: bpy.types.NodeTree, image: bpy.types.Image, uv_map: str, attribu
     links.new(scale_x_y_offset_x.outputs["Z"], offset.inputs["X"])
     links.new(place.outputs["Alpha"], offset.inputs["Y"])
     scaled = vector("MULTIPLY", 3, 0, coordinate, scale.outputs[0])
-    texture = add("ShaderNodeTexImage", 5, 0, image=image, extension="EXTEND", interpolation="Linear")
+    texture = add("ShaderNodeTexImage", 5, 0, name=LIGHTMAP, image=image, extension="EXTEND", interpolation="Linear")
     links.new(vector("ADD", 4, 0, scaled, offset.outputs[0]), texture.inputs["Vector"])
 
     base = vector("SCALE", 2, 3, start.outputs["Base Color"], None)
@@ -183,10 +185,14 @@ def _fill(tree: bpy.types.NodeTree, image: bpy.types.Image, uv_map: str, attribu
     links.new(mix.outputs[0], add("NodeGroupOutput", 10, 1).inputs[0])
 
 
+def _shows(tree: bpy.types.NodeTree, image: bpy.types.Image) -> bool:
+    return SHOWS in tree and tree.nodes[LIGHTMAP].image == image
+
+
 def set_light_only(image: bpy.types.Image | None, on: bool) -> None:
     """Lets the groups of a lightmap show the light on grey, or the lit surface."""
     for tree in bpy.data.node_groups:
-        if image is not None and tree.get(SHOWS) == image:
+        if image is not None and _shows(tree, image):
             tree.nodes[LIGHT_ONLY].outputs[0].default_value = float(on)
 
 
