@@ -15,6 +15,8 @@ pub struct Document {
     pub directory: PathBuf,
     /// Images that live in files of their own.
     pub external_images: Vec<ExternalImage>,
+    /// Other files that extensions refer to: photometric profiles and the environment's image.
+    pub external_files: Vec<ExternalFile>,
 }
 
 /// An image of a document that is neither in a buffer nor in a data URI.
@@ -24,6 +26,15 @@ pub struct ExternalImage {
     pub image: usize,
     /// URI as the document spells it.
     pub uri: String,
+    /// File that the URI names. It need not exist.
+    pub path: PathBuf,
+}
+
+/// A file that an extension refers to by URI.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct ExternalFile {
+    /// JSON pointer to the URI.
+    pub pointer: String,
     /// File that the URI names. It need not exist.
     pub path: PathBuf,
 }

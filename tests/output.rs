@@ -32,7 +32,12 @@ fn rich_scene(folder: &Path) -> SceneFile {
     file.json["extensionsUsed"] =
         json!(["EXT_mesh_gpu_instancing", "KHR_materials_clearcoat", "KHR_materials_variants"]);
     file.json["extensionsRequired"] = json!(["EXT_mesh_gpu_instancing"]);
-    file.json["extensions"] = json!({ "KHR_materials_variants": { "variants": [{ "name": "wet" }] } });
+    file.json["extensions"] = json!({
+        "KHR_materials_variants": { "variants": [{ "name": "wet" }] },
+        "EXT_lights_ies": { "lights": [{ "uri": "lamp.ies" }] },
+        "LIGHTKILN_scene": { "lights": [{ "type": "point", "ies": "lamp.ies" }] }
+    });
+    fs::write(folder.join("lamp.ies"), "IES:LM-63-2019").expect("a new folder");
     file.json["extras"] = json!({ "author": "test" });
     image::RgbImage::from_pixel(2, 2, image::Rgb([200, 100, 50])).save(folder.join("paint.png")).expect("a new folder");
     let image = file.push("images", json!({ "uri": "paint.png", "name": "paint" }));
@@ -310,6 +315,20 @@ fn external_images_come_along() {
     assert_eq!(picture.get_pixel(1, 1).0, [200, 100, 50]);
     assert_eq!(lit.json["extras"], json!({ "author": "test" }));
     assert_eq!(lit.json["nodes"][0]["extras"], json!({ "id": 1 }));
+}
+
+#[test]
+fn files_of_extensions_come_along() {
+    let lit = Lit::new(&small());
+    let measured = &lit.json["extensions"]["EXT_lights_ies"]["lights"][0];
+    let own = &lit.json["extensions"]["LIGHTKILN_scene"]["lights"][0]["ies"];
+    assert!(measured.get("uri").is_none() && measured["mimeType"] == "application/x-ies-lm-63");
+    assert_eq!(own["name"], "lamp.ies");
+    for reference in [measured, own] {
+        let view = &lit.json["bufferViews"][reference["bufferView"].as_u64().expect("a view") as usize];
+        let [start, length] = ["byteOffset", "byteLength"].map(|f| view[f].as_u64().expect("a number") as usize);
+        assert_eq!(&lit.bin[start..start + length], b"IES:LM-63-2019");
+    }
 }
 
 fn names(folder: &Path) -> Vec<String> {

@@ -19,6 +19,7 @@ mod queries;
 mod sah;
 mod scalar;
 mod structure;
+mod translucent;
 mod traverse;
 
 pub use alpha::base_color_at;
@@ -96,6 +97,8 @@ pub struct Accel<'a> {
     scene: &'a Scene,
     bvh: Bvh8,
     instructions: Instructions,
+    /// Light goes through some surface in part.
+    translucent: bool,
 }
 
 impl<'a> Accel<'a> {
@@ -107,7 +110,7 @@ impl<'a> Accel<'a> {
     /// Builds with other than the default settings.
     pub fn build_with(scene: &'a Scene, settings: &AccelSettings) -> Self {
         let bvh = structure::build(scene, settings.sharing_saves);
-        Self { scene, bvh, instructions: Instructions::detect() }
+        Self { scene, bvh, instructions: Instructions::detect(), translucent: translucent::any(scene) }
     }
 
     /// The same structure, queried with portable instructions only. The answers are the same.
@@ -143,7 +146,7 @@ impl<'a> Accel<'a> {
     }
 
     /// Share of light, per channel, that travels the whole segment: zero behind a solid surface, else the product over the
-    /// blended surfaces of (1 − α)·(1 − α + α·base colour).
+    /// blended surfaces of (1 − α)·(1 − α + α·base colour) and over transmitting ones of transmission·base colour.
     pub fn transmittance(&self, ray: &Ray) -> Rgb {
         let mut query = queries::Transmittance::new(self.scene, ray);
         self.ask(ray, &mut query);

@@ -1,6 +1,6 @@
 //! What is asked of a ray: the nearest hit, any hit, or the light that passes.
 
-use super::alpha::{base_color_at, covers, transmitted};
+use super::alpha::{covers, straight_through};
 use super::bvh8::{Placed, Tri4};
 use super::traverse::{BlockHits, Query};
 use super::{Hit, Ray};
@@ -219,7 +219,7 @@ impl<'a> Query<'a> for Transmittance<'a> {
             let (instance, triangle) = stored.id();
             if !self.repeats_edge(instance, hits.t[lane], barycentric) {
                 let mesh = self.scene.instances[instance as usize].mesh;
-                self.product *= transmitted(base_color_at(self.scene, mesh, triangle as usize, barycentric));
+                self.product *= straight_through(self.scene, mesh, triangle as usize, barycentric);
             }
         }
         self.product == Rgb::ZERO

@@ -3,7 +3,7 @@
 use crate::accel::Accel;
 use crate::atlas::{Atlas, Texels};
 use crate::gather::{
-    self, CellSettings, DirectSettings, Emission, Footprint, Lamp, Lamps, Lightmap, ProbeSettings, Source,
+    self, CellSettings, DirectSettings, Emission, Footprint, Lamp, Lamps, Lightmap, LitScene, ProbeSettings, Source,
 };
 use crate::hierarchy::{self, Hierarchy, Side, Surface, Surfels};
 use crate::output::report::{SolverFacts, StageClock};
@@ -45,17 +45,18 @@ pub fn light(
 
     let (emission, mut lamps) = gather::classify(scene);
     lamps.extend(scene.lights.iter().map(Lamp::new));
+    lamps.extend(Lamp::of_environment(&scene.environment));
     let lamps = Lamps { lamps, accel: &accel };
     let direct_settings = DirectSettings::for_error(error);
-    let (direct, rays) = clock.measure(Stage::Direct, || {
+    let direct = clock.measure(Stage::Direct, || {
         gather::texel_direct(&lamps, atlas, texels, &footprint, &direct_settings, progress)
     })?;
-    counts.rays.insert("shadow".into(), rays);
+    counts.rays.insert("shadow".into(), direct.rays);
 
-    let (surfels, tree, element_direct, irradiance) = clock.measure(Stage::Solve, || {
+    let (surfels, tree, elements, guess) = clock.measure(Stage::Solve, || {
         let surfels = Surfels::new(scene, atlas, texels, footprint.covered(), footprint.parted(), footprint.crossed());
         let tree = hierarchy(&accel, atlas, &surfels, progress)?;
-        let elements = elements(scene, atlas, &surfels, &tree, &emission, &lamps, &direct);
+        let elements = elements(scene, atlas, &surfels, &tree, &emission, &lamps, &direct.irradiance);
         let survey = solve::survey(&accel, &surfels, &tree, SURVEY_RAYS, progress)?;
         let exchange = Exchange { hierarchy: &tree, surfels: &surfels, accel: &accel };
         let solution = solve::solve(&exchange, &elements, &survey, &SolveSettings::for_error(error), progress)?;
@@ -65,30 +66,43 @@ pub fn light(
         counts.solver.iterations = solution.iterations;
         counts.rays.insert("link".into(), solution.rays);
         counts.rays.insert("survey".into(), survey.rays + (BACK_RAYS as usize * tree.elements.len()) as u64);
-        let none = vec![Rgb::ZERO; tree.elements.len()];
-        let lit = Source::new(&accel, atlas, &surfels, &tree, &emission, &footprint, &direct, &elements.direct, &none);
-        let (irradiance, rays) =
-            gather::bounce(&lit, &surfels, &tree, &elements.reflectance, solution.irradiance, progress)?;
-        counts.rays.insert("bounce".into(), rays);
-        Ok((surfels, tree, elements.direct, irradiance))
+        Ok((surfels, tree, elements, solution.irradiance))
     })?;
 
+    let shut = gather::shut_texels(&surfels, &tree);
+    let lit = LitScene {
+        accel: &accel,
+        atlas,
+        surfels: &surfels,
+        hierarchy: &tree,
+        emission: &emission,
+        footprint: &footprint,
+        lamps: &lamps,
+        direct: &direct,
+        element_direct: &elements.direct,
+        shut: &shut,
+    };
+    let bounce = clock.measure(Stage::Solve, || {
+        let none = vec![Rgb::ZERO; tree.elements.len() + shut.len()];
+        gather::bounce(&Source::new(lit, &none, None), &lit, &elements.reflectance, guess, progress)
+    })?;
+    counts.rays.insert("bounce".into(), bounce.rays);
+
     let indirect = clock.measure(Stage::Gather, || {
-        let source =
-            Source::new(&accel, atlas, &surfels, &tree, &emission, &footprint, &direct, &element_direct, &irradiance);
-        let floor = 0.1 * mean(texels, &direct, &tree, &irradiance);
+        let source = Source::new(lit, &bounce.irradiance, Some(&bounce.guide));
+        let floor = 0.1 * mean(texels, &direct.irradiance, &tree, &bounce.irradiance);
         gather::indirect(&source, atlas, texels, &footprint, &cell_settings(error, floor), progress)
     })?;
     counts.solver.probes = indirect.probes as u64;
     counts.rays.insert("gather".into(), indirect.rays);
-    let combined = direct.iter().zip(&indirect.irradiance).map(|(&d, &i)| d + i).collect();
+    let combined = direct.irradiance.iter().zip(&indirect.irradiance).map(|(&d, &i)| d + i).collect();
     let usable = (0..texels.len() as u32).map(|t| !footprint.is_hidden(t)).collect();
-    Ok((Lightmap { direct, combined, usable }, counts))
+    Ok((Lightmap { direct: direct.irradiance, combined, usable }, counts))
 }
 
 /// How finely the final gather works for a relative error of the lightmap.
 fn cell_settings(error: f32, floor: f32) -> CellSettings {
-    let probe = ProbeSettings { round: 256, rounds: 8, tolerance: 0.4 * error, floor };
+    let probe = ProbeSettings { extra: 1792, tolerance: 0.6 * error, floor };
     CellSettings { tolerance: 0.5 * error, floor, probe }
 }
 

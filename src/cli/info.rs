@@ -81,6 +81,7 @@ impl<'a> Facts<'a> {
                 Environment::Black => "none",
                 Environment::Constant(_) => "constant",
                 Environment::Gradient { .. } => "gradient",
+                Environment::Image(_) => "image",
             },
             bounds: bounds(scene),
             warnings,

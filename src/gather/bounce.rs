@@ -3,14 +3,16 @@
 //! Links of clusters are cheap and rough: they know no orientation inside a cluster and carry a little light through
 //! walls. One bounce by rays sees surfaces as they are; its hits are kept and iterated, from the links' solution on.
 
-use super::source::Source;
+use super::guide::{Glance, Guide};
+use super::source::{LitScene, Source};
 use crate::accel::offset_origin;
-use crate::hierarchy::{Hierarchy, Surfels};
 use crate::math::{Sequence, cosine_hemisphere, hash2};
 use crate::progress::{Cancelled, Progress};
 use crate::scene::Rgb;
+use glam::Vec3;
 use rayon::prelude::*;
 use std::f32::consts::PI;
+use std::ops::Range;
 
 /// Rays per element.
 const RAYS: u32 = 64;
@@ -19,27 +21,61 @@ const ITERATIONS: usize = 32;
 /// Marks a ray that met nothing which reflects.
 const NOTHING: u32 = u32::MAX;
 
+/// What the rays of the first bounce tell.
+pub struct Bounce {
+    /// Irradiance of every receiver (elements, then shut texels) from everything but lamps, W/m².
+    pub irradiance: Vec<Rgb>,
+    /// Where bright things are.
+    pub guide: Guide,
+    /// Rays cast.
+    pub rays: u64,
+}
+
 /// Irradiance of every element from everything but lamps, W/m². `direct_only` is the scene lit by lamps alone,
 /// `reflectance` and `guess` belong to the elements; the result is close to the fixed point whatever the guess.
-/// Returns it with the number of rays cast.
 pub fn bounce(
     direct_only: &Source,
-    surfels: &Surfels,
-    tree: &Hierarchy,
+    lit: &LitScene,
     reflectance: &[Rgb],
     guess: Vec<Rgb>,
     progress: &dyn Progress,
-) -> Result<(Vec<Rgb>, u64), Cancelled> {
-    let count = tree.elements.len();
+) -> Result<Bounce, Cancelled> {
+    let LitScene { surfels, hierarchy: tree, shut, .. } = *lit;
+    let elements = tree.elements.len();
+    let count = elements + shut.len();
     let mut fixed = vec![Rgb::ZERO; count];
     let mut hits = vec![NOTHING; count * RAYS as usize];
-    fixed.par_iter_mut().zip(hits.par_chunks_mut(RAYS as usize)).enumerate().try_for_each(|(e, (fixed, hits))| {
-        *fixed = cast(direct_only, surfels, tree, e as u32, hits);
-        if progress.is_cancelled() { Err(Cancelled) } else { Ok(()) }
-    })?;
+    let groups = Guide::groups(tree);
+    let (fixed_elements, fixed_shut) = fixed.split_at_mut(elements);
+    let (hits_elements, hits_shut) = hits.split_at_mut(elements * RAYS as usize);
+    let hot = tasks(&groups, fixed_elements, hits_elements)
+        .into_par_iter()
+        .map(|Task { elements, fixed, hits }| {
+            let mut glances = Vec::with_capacity(hits.len());
+            for ((e, fixed), hits) in elements.zip(fixed).zip(hits.chunks_mut(RAYS as usize)) {
+                let node = tree.elements[e as usize].node;
+                let from = |u| {
+                    let (surfel, side) = tree.sample(surfels, node, u);
+                    (surfels.position(surfel), tree.normal(surfels, surfel, side))
+                };
+                *fixed = cast(direct_only, hash2(e, 0xe1e3), from, hits, |glance| glances.push(glance));
+            }
+            if progress.is_cancelled() { Err(Cancelled) } else { Ok(Guide::bright(&glances)) }
+        })
+        .collect::<Result<_, Cancelled>>()?;
+    fixed_shut.par_iter_mut().zip(hits_shut.par_chunks_mut(RAYS as usize)).zip(shut).try_for_each(
+        |((fixed, hits), &texel)| {
+            let from = |_| (surfels.position(texel), surfels.normal(texel));
+            *fixed = cast(direct_only, hash2(texel, 0x5407), from, hits, |_| ());
+            if progress.is_cancelled() { Err(Cancelled) } else { Ok(()) }
+        },
+    )?;
+    let reflectance: Vec<Rgb> =
+        reflectance.iter().copied().chain(shut.iter().map(|&s| surfels.reflectance(s))).collect();
     let mut irradiance = guess;
+    irradiance.resize(count, Rgb::ZERO);
     for _ in 0..ITERATIONS {
-        let sent: Vec<Rgb> = irradiance.iter().zip(reflectance).map(|(&e, &r)| e * r).collect();
+        let sent: Vec<Rgb> = irradiance.iter().zip(&reflectance).map(|(&e, &r)| e * r).collect();
         irradiance.par_iter_mut().zip(&fixed).zip(hits.par_chunks(RAYS as usize)).for_each(|((e, &fixed), hits)| {
             let met = hits.iter().filter(|&&h| h != NOTHING);
             *e = fixed + met.map(|&h| sent[h as usize]).sum::<Rgb>() / RAYS as f32;
@@ -48,23 +84,47 @@ pub fn bounce(
             return Err(Cancelled);
         }
     }
-    Ok((irradiance, hits.len() as u64))
+    Ok(Bounce { irradiance, guide: Guide::new(&groups, hot), rays: hits.len() as u64 })
 }
 
-/// Irradiance of element `e` from the scene lit by lamps alone; the elements that its rays meet go to `hits`.
-fn cast(source: &Source, surfels: &Surfels, tree: &Hierarchy, e: u32, hits: &mut [u32]) -> Rgb {
-    let node = tree.elements[e as usize].node;
-    let sequence = Sequence::new(hash2(e, 0xe1e3));
+/// One group of elements with its results.
+struct Task<'a> {
+    elements: Range<u32>,
+    fixed: &'a mut [Rgb],
+    hits: &'a mut [u32],
+}
+
+/// Cuts the results of all elements by group.
+fn tasks<'a>(groups: &[Range<u32>], mut fixed: &'a mut [Rgb], mut hits: &'a mut [u32]) -> Vec<Task<'a>> {
+    let mut tasks = Vec::with_capacity(groups.len());
+    for elements in groups.iter().cloned() {
+        let (of_group, rest) = fixed.split_at_mut(elements.len());
+        let (hits_of_group, more_hits) = hits.split_at_mut(elements.len() * RAYS as usize);
+        tasks.push(Task { elements, fixed: of_group, hits: hits_of_group });
+        (fixed, hits) = (rest, more_hits);
+    }
+    tasks
+}
+
+/// Irradiance of a receiver from the scene lit by lamps alone. Rays start where `from` says for a number in 0..1: position
+/// and unit normal. The receivers that they meet go to `hits`, what they see to `glance`.
+fn cast(
+    source: &Source,
+    seed: u32,
+    from: impl Fn(f32) -> (Vec3, Vec3),
+    hits: &mut [u32],
+    mut glance: impl FnMut(Glance),
+) -> Rgb {
+    let sequence = Sequence::new(seed);
     let mut sum = Rgb::ZERO;
     for (i, hit) in hits.iter_mut().enumerate() {
-        let (surfel, side) = tree.sample(surfels, node, sequence.second(i as u32).x);
-        let normal = tree.normal(surfels, surfel, side);
+        let (position, normal) = from(sequence.second(i as u32).x);
         let direction = cosine_hemisphere(normal, sequence.first(i as u32));
-        let origin = offset_origin(surfels.position(surfel), normal);
         let solid_angle = PI / (RAYS as f32 * direction.dot(normal).max(0.05));
-        let seen = source.look(origin, direction, solid_angle);
+        let seen = source.look(offset_origin(position, normal), direction, solid_angle);
         sum += seen.radiance;
-        *hit = seen.element.unwrap_or(NOTHING);
+        glance((direction, seen.radiance.element_sum() / 3.0));
+        *hit = seen.receiver.unwrap_or(NOTHING);
     }
     sum * (PI / RAYS as f32)
 }

@@ -21,6 +21,8 @@ const CHUNK: usize = 1024;
 const NEAR: f32 = 6.0;
 /// Texels from which the mean irradiance is estimated.
 const MEAN_SAMPLES: usize = 4096;
+/// Texels to each side whose view of a lamp tells whether a texel's own needs a closer look.
+const AROUND: i64 = 2;
 /// Points of a texel that is near a lamp.
 const NEAR_SAMPLES: u32 = 32;
 
@@ -117,11 +119,15 @@ impl Lamps<'_> {
             }
             rays += 1;
             let ray = shadow_ray(&p, sample.direction, sample.distance);
-            if !lamp_ref.casts_shadows || !self.accel.occluded(&ray) {
-                sum.open += sample.weight;
-            }
+            sum.open +=
+                if lamp_ref.casts_shadows { sample.weight * self.accel.visibility(&ray) } else { sample.weight };
         }
         rays
+    }
+
+    /// Irradiance at a point, with one ray per lamp, W/m².
+    pub fn at(&self, point: &SurfacePoint, seed: u32) -> Rgb {
+        self.mean(std::slice::from_ref(point), seed, 1)
     }
 
     /// Irradiance from all lamps averaged over points, with `rays` rays per lamp.
@@ -155,7 +161,17 @@ fn shadow_ray(p: &SurfacePoint, direction: glam::Vec3, distance: f32) -> Ray {
     Ray { origin, direction: v / length.max(f32::MIN_POSITIVE), t_min: 0.0, t_max: length * (1.0 - SELF_INTERSECTION) }
 }
 
-/// Irradiance of every texel straight from the lamps, W/m², and the number of rays cast.
+/// Light straight from lamps at every texel.
+pub struct Direct {
+    /// W/m².
+    pub irradiance: Vec<Rgb>,
+    /// True where some lamp is neither wholly seen nor wholly blocked, so that the mean says little about a point.
+    pub mixed: Vec<bool>,
+    /// Rays cast.
+    pub rays: u64,
+}
+
+/// Irradiance of every texel straight from the lamps.
 pub fn texel_direct(
     lamps: &Lamps,
     atlas: &Atlas,
@@ -163,8 +179,9 @@ pub fn texel_direct(
     footprint: &Footprint,
     settings: &DirectSettings,
     progress: &dyn Progress,
-) -> Result<(Vec<Rgb>, u64), Cancelled> {
+) -> Result<Direct, Cancelled> {
     let mut irradiance = vec![Rgb::ZERO; texels.len()];
+    let mut mixed = vec![false; texels.len()];
     let counter = Counter::new(progress, Stage::Direct, texels.len() * lamps.lamps.len() * 2);
     let rays = AtomicU64::new(0);
     let mean = sample_mean(lamps, footprint, texels.len());
@@ -181,9 +198,10 @@ pub fn texel_direct(
             rays.fetch_add(cast, Ordering::Relaxed);
             counter.advance(sums.len())
         })?;
-        irradiance.par_chunks_mut(CHUNK).enumerate().try_for_each(|(chunk, out)| {
+        let outputs = irradiance.par_chunks_mut(CHUNK).zip(mixed.par_chunks_mut(CHUNK));
+        outputs.enumerate().try_for_each(|(chunk, (out, mixed))| {
             let mut cast = 0;
-            for (i, e) in out.iter_mut().enumerate() {
+            for (i, (e, mixed)) in out.iter_mut().zip(mixed).enumerate() {
                 let texel = (chunk * CHUNK + i) as u32;
                 let free = unoccluded(&lamps.lamps[lamp], texels, footprint, texel);
                 if free.max_element() <= 0.0 && first[texel as usize].seen() == Seen::Never {
@@ -198,13 +216,14 @@ pub fn texel_direct(
                         cast += lamps.test(lamp, texel, settings.edge..most, point, &mut sum);
                     }
                 }
+                *mixed |= sum.seen() == Seen::Part;
                 *e += free * sum.share();
             }
             rays.fetch_add(cast, Ordering::Relaxed);
             counter.advance(out.len())
         })?;
     }
-    Ok((irradiance, rays.into_inner()))
+    Ok(Direct { irradiance, mixed, rays: rays.into_inner() })
 }
 
 /// Mean irradiance from all lamps, W/m², mean of channels, from every so many-th texel.
@@ -219,19 +238,20 @@ fn sample_mean(lamps: &Lamps, footprint: &Footprint, texels: usize) -> f32 {
     sum / texels.div_ceil(step).max(1) as f32
 }
 
-/// Irradiance from an unblocked lamp: at the texel's centre, or averaged over the texel where the lamp is so close that
-/// this differs.
+/// Irradiance from an unblocked lamp: at the texel's centre, or averaged over the texel where the lamp is so close or
+/// the surface so bent that this differs.
 fn unoccluded(lamp: &Lamp, texels: &Texels, footprint: &Footprint, texel: u32) -> Rgb {
     let at = |p: SurfacePoint| lamp.unoccluded(p.position, p.shading_normal);
     let centre = footprint.centre(texel);
-    if lamp.distance(centre.position) > NEAR * texels.area[texel as usize].sqrt() {
+    if !footprint.is_bent(texel) && lamp.distance(centre.position) > NEAR * texels.area[texel as usize].sqrt() {
         return at(centre);
     }
     let sequence = Sequence::new(hash2(texel, 0x0ea7));
     (0..NEAR_SAMPLES).map(|i| at(footprint.point(texel, sequence.first(i)))).sum::<Rgb>() / NEAR_SAMPLES as f32
 }
 
-/// True if a neighbour on the same chart sees the lamp differently.
+/// True if a neighbour on the same chart sees the lamp differently. Looking no farther than next door would leave many
+/// texels that see almost all of a lamp with the few rays that happened to miss what blocks it.
 fn disagrees(atlas: &Atlas, texels: &Texels, first: &[Visibility], texel: u32) -> bool {
     let t = texel as usize;
     let own = first[t].seen();
@@ -239,8 +259,8 @@ fn disagrees(atlas: &Atlas, texels: &Texels, first: &[Visibility], texel: u32) -
     let range = &texels.charts[chart];
     let page = &texels.pages[atlas.charts[chart].page];
     let [x, y] = texels.pixel[t].map(i64::from);
-    for dy in -1..=1 {
-        for dx in -1..=1 {
+    for dy in -AROUND..=AROUND {
+        for dx in -AROUND..=AROUND {
             let (nx, ny) = (x + dx, y + dy);
             if nx < 0 || ny < 0 || nx >= page.width as i64 || ny >= page.height as i64 {
                 continue;

@@ -1,7 +1,7 @@
 //! Emissive surfaces: which are sent like lamps and which are met by gather rays.
 
 use super::lamp::{EmitterTriangle, Lamp, Shape};
-use crate::scene::{Rgb, Scene};
+use crate::scene::{AlphaMode, Rgb, Scene, TextureSlot};
 use glam::{Vec2, Vec3};
 
 /// Emitters this many times brighter than the mean exitance are too bright to be found by chance.
@@ -10,6 +10,9 @@ const CONTRAST: f32 = 4.0;
 const FEW: usize = 128;
 /// Where this share of all surfaces emits, every ray finds emitters and sending them gains nothing.
 const MOST: f32 = 0.6;
+/// Bounds of the parts along a triangle's side where its radiance is looked at: vertex colours vary without texture.
+const FEWEST_CUTS: u32 = 2;
+const MOST_CUTS: u32 = 256;
 /// Triangles of one lamp at most.
 const GROUP: usize = 64;
 
@@ -83,13 +86,10 @@ fn area([a, b, c]: [Vec3; 3]) -> f32 {
 
 fn triangles_of(scene: &Scene, instance: usize, range: std::ops::Range<usize>) -> Vec<EmitterTriangle> {
     let mesh = scene.instances[instance].mesh;
-    // Four points per triangle bound the work for textures; the corners' thirds and the middle.
-    let points = [(1.0 / 3.0, 1.0 / 3.0), (0.6, 0.2), (0.2, 0.6), (0.2, 0.2)].map(|(v, w)| Vec2::new(v, w));
     range
         .filter_map(|triangle| {
             let corners = scene.corners(instance, triangle);
-            let radiance =
-                points.iter().map(|&b| scene.emission_at(instance, triangle, b)).sum::<Rgb>() / points.len() as f32;
+            let radiance = mean_radiance(scene, instance, triangle);
             let area = area(corners);
             (radiance.max_element() > 0.0 && area > 0.0).then(|| EmitterTriangle {
                 corners,
@@ -101,6 +101,44 @@ fn triangles_of(scene: &Scene, instance: usize, range: std::ops::Range<usize>) -
             })
         })
         .collect()
+}
+
+/// Mean over the triangle: over its texels if a texture or a mask varies it.
+fn mean_radiance(scene: &Scene, instance: usize, triangle: usize) -> Rgb {
+    let n = cuts(scene, scene.instances[instance].mesh, triangle);
+    let at = |v: f32, w: f32| emitted(scene, instance, triangle, Vec2::new(v, w) / n as f32);
+    let mut sum = Rgb::ZERO;
+    // Middles of n² equal triangles, upright ones and those that stand on their tips.
+    for i in 0..n {
+        for j in 0..n - i {
+            let (v, w) = (i as f32, j as f32);
+            sum += at(v + 1.0 / 3.0, w + 1.0 / 3.0);
+            if i + j + 1 < n {
+                sum += at(v + 2.0 / 3.0, w + 2.0 / 3.0);
+            }
+        }
+    }
+    sum / (n * n) as f32
+}
+
+/// Parts along a triangle's sides that are as small as texels of its textures, within bounds.
+fn cuts(scene: &Scene, mesh: usize, triangle: usize) -> u32 {
+    let material = scene.material_of(mesh, triangle);
+    let texels = |slot: &TextureSlot| {
+        let Some(set) = scene.meshes[mesh].texcoords.get(slot.set).filter(|set| !set.is_empty()) else { return 0.0 };
+        let texture = &scene.textures[slot.texture];
+        let size = Vec2::new(texture.width as f32, texture.height as f32);
+        let [a, b, c] = scene.meshes[mesh].triangles[triangle].map(|v| slot.coordinate(set[v as usize]) * size);
+        (b - a).abs().max((c - a).abs()).max_element()
+    };
+    let base = material.base_color_texture.as_ref().filter(|_| material.alpha_mode != AlphaMode::Opaque);
+    let most = material.emission_texture.iter().chain(base).map(texels).fold(0.0, f32::max);
+    (most.ceil() as u32).clamp(FEWEST_CUTS, MOST_CUTS)
+}
+
+/// Radiance of a point; what is not covered does not emit.
+fn emitted(scene: &Scene, instance: usize, triangle: usize, barycentric: Vec2) -> Rgb {
+    scene.emission_at(instance, triangle, barycentric) * scene.alpha_at(instance, triangle, barycentric)
 }
 
 /// Splits triangles at the median of their longest extent until each group is small, and makes each a lamp.
@@ -127,4 +165,55 @@ fn group(mut triangles: Vec<EmitterTriangle>, lamps: &mut Vec<Lamp>) {
     let (low, high) = (corners().fold(Vec3::INFINITY, Vec3::min), corners().fold(Vec3::NEG_INFINITY, Vec3::max));
     let (centre, radius) = ((low + high) * 0.5, low.distance(high) * 0.5);
     lamps.push(Lamp { shape: Shape::Triangles { triangles, centre, radius }, casts_shadows: true });
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::{Filter, Instance, LightmapRequest, Material, Mesh, Primitive, Texture, Wrap};
+
+    #[test]
+    fn a_textured_emitter_sends_the_sum_of_its_texels() {
+        let n = 64;
+        // Code 255 on a few texels, black elsewhere: points between them would miss the light.
+        let lit = |i: u32| i.is_multiple_of(13);
+        let texels = (0..n * n).map(|i| if lit(i) { [255; 4] } else { [0, 0, 0, 255] }).collect();
+        let slot = TextureSlot {
+            texture: 0,
+            set: 0,
+            transform: glam::Affine2::IDENTITY,
+            wrap: [Wrap::Repeat; 2],
+            filter: Filter::Linear,
+        };
+        let positions = vec![Vec3::ZERO, Vec3::X, Vec3::X + Vec3::Y, Vec3::Y];
+        let mesh = Mesh {
+            normals: vec![Vec3::Z; 4],
+            texcoords: vec![positions.iter().map(|p| p.truncate()).collect()],
+            positions,
+            triangles: vec![[0, 1, 2], [0, 2, 3]],
+            primitives: vec![Primitive { source: 0, vertices: 0..4, triangles: 0..2, material: 0 }],
+            ..Mesh::default()
+        };
+        let instance = Instance {
+            path: "Screen".into(),
+            node: 0,
+            mesh: 0,
+            transform: glam::Affine3A::IDENTITY,
+            casts_shadows: true,
+            lightmap: LightmapRequest::None,
+            group: None,
+            gpu_instance: None,
+        };
+        let scene = Scene {
+            meshes: vec![mesh],
+            instances: vec![instance],
+            materials: vec![Material { emission: Rgb::ONE, emission_texture: Some(slot), ..Material::default() }],
+            textures: vec![Texture { name: "screen".into(), width: n, height: n, texels }],
+            ..Scene::default()
+        };
+        let triangles = triangles_of(&scene, 0, 0..2);
+        let power: f32 = triangles.iter().map(|t| t.area * t.radiance.x).sum();
+        let expected = (0..n * n).filter(|&i| lit(i)).count() as f32 / (n * n) as f32;
+        assert!((power / expected - 1.0).abs() < 0.01, "{power} instead of {expected}");
+    }
 }

@@ -1,15 +1,21 @@
 //! A lamp as the receiver sees it: unoccluded irradiance in closed form, and points to test visibility to.
 
+use super::region::{Region, regions};
 use crate::math::{orthonormal_basis, uniform_disk};
-use crate::scene::{Falloff, Light, LightShape, Rgb, spot_attenuation};
-use crate::transport::form_factor;
+use crate::scene::{
+    Environment, Falloff, Light, LightShape, NARROWEST_SPREAD, Profile, Rgb, spot_attenuation, spread_attenuation,
+};
+use crate::transport::{form_factor, soft_box};
 use glam::{Vec2, Vec3};
 use std::f32::consts::PI;
+use std::sync::Arc;
 
 /// Corners of the polygon that stands for a disk.
 const DISK_CORNERS: usize = 32;
 /// Sine of the angle to a source's plane below which it is seen edge-on, that is, not at all.
 const COPLANAR: f32 = 1e-5;
+/// Points that are tried until one lies in the part of an area lamp whose beam reaches the receiver.
+const TRIES: u32 = 16;
 
 /// A direction to test, and what arrives from there if nothing blocks it.
 #[derive(Clone, Copy, Debug)]
@@ -34,7 +40,7 @@ pub struct Lamp {
 /// Shapes with closed-form irradiance.
 #[derive(Clone, Debug)]
 pub enum Shape {
-    /// Flat, one-sided, Lambertian.
+    /// Flat and one-sided.
     Polygon {
         /// Corners in order.
         corners: Vec<Vec3>,
@@ -48,6 +54,8 @@ pub enum Shape {
         round: bool,
         /// W/(m²·sr).
         radiance: Rgb,
+        /// Full angle of the beam, radians; π if it is Lambertian.
+        spread: f32,
     },
     /// A sphere or, with radius zero, a point.
     Sphere {
@@ -55,10 +63,14 @@ pub enum Shape {
         centre: Vec3,
         /// Radius, metres.
         radius: f32,
+        /// True if it is a disk that faces every receiver.
+        faces_receivers: bool,
         /// W/sr (on the axis, if it has a beam).
         intensity: Rgb,
         /// Beam of a spot.
         beam: Option<Beam>,
+        /// Measured distribution.
+        web: Option<Web>,
     },
     /// A disc at infinity.
     Sun {
@@ -69,6 +81,8 @@ pub enum Shape {
         /// W/m² on a surface that faces it.
         irradiance: Rgb,
     },
+    /// A bright region of the environment.
+    Region(Region),
     /// Emissive triangles.
     Triangles {
         /// The triangles.
@@ -110,26 +124,57 @@ pub struct Beam {
     pub falloff: Falloff,
 }
 
+/// A measured distribution and the frame in which it was measured.
+#[derive(Clone, Debug)]
+pub struct Web {
+    /// Orthonormal frame of the lamp.
+    pub axes: [Vec3; 3],
+    /// The measurement.
+    pub profile: Arc<Profile>,
+}
+
+impl Web {
+    /// Relative intensity towards unit direction `d` (from the lamp).
+    fn attenuation(&self, d: Vec3) -> f32 {
+        self.profile.relative(Vec3::from_array(self.axes.map(|axis| axis.dot(d))))
+    }
+}
+
 impl Beam {
     /// Relative intensity towards unit direction `d` (from the lamp).
     fn attenuation(&self, d: Vec3) -> f32 {
         spot_attenuation(self.axis.dot(d), self.outer, self.blend, self.falloff)
     }
+
+    /// How far it is from offset `v` (from the lamp) to where the cone fades or, inside that zone, how wide it is.
+    fn smoothness(&self, v: Vec3) -> f32 {
+        let distance = v.length();
+        let angle = (self.axis.dot(v) / distance.max(f32::MIN_POSITIVE)).clamp(-1.0, 1.0).acos();
+        let inner = (self.outer.cos() + (1.0 - self.outer.cos()) * self.blend).min(1.0).acos();
+        distance * (angle - self.outer).max(inner - angle).max(self.outer - inner)
+    }
 }
 
 impl Lamp {
+    /// The lamps that stand for the bright regions of the environment.
+    pub fn of_environment(environment: &Environment) -> Vec<Self> {
+        regions(environment).into_iter().map(|r| Self { shape: Shape::Region(r), casts_shadows: true }).collect()
+    }
+
     /// The lamp of the scene's contract.
     pub fn new(light: &Light) -> Self {
         let [x, y, z] = light.axes;
+        let faces_receivers = light.faces_receivers;
+        let web = light.profile.clone().map(|profile| Web { axes: light.axes, profile });
         let shape = match light.shape {
-            LightShape::Rect { radiance, size, .. } => {
+            LightShape::Rect { radiance, size, spread } => {
                 let half = [x * (size[0] * 0.5), y * (size[1] * 0.5)];
                 let c = light.position;
                 let corners =
                     vec![c - half[0] - half[1], c + half[0] - half[1], c + half[0] + half[1], c - half[0] + half[1]];
-                Shape::Polygon { corners, centre: c, half, normal: -z, round: false, radiance }
+                Shape::Polygon { corners, centre: c, half, normal: -z, round: false, radiance, spread }
             }
-            LightShape::Disk { radiance, size, .. } => {
+            LightShape::Disk { radiance, size, spread } => {
                 let half = [x * (size[0] * 0.5), y * (size[1] * 0.5)];
                 // A regular polygon of the same area as the disk.
                 let step = 2.0 * PI / DISK_CORNERS as f32;
@@ -139,26 +184,35 @@ impl Lamp {
                     .map(corner)
                     .map(|(s, c)| light.position + (half[0] * c + half[1] * s) * grow)
                     .collect();
-                Shape::Polygon { corners, centre: light.position, half, normal: -z, round: true, radiance }
+                Shape::Polygon { corners, centre: light.position, half, normal: -z, round: true, radiance, spread }
             }
             LightShape::Point { intensity, radius } => {
-                Shape::Sphere { centre: light.position, radius, intensity, beam: None }
+                Shape::Sphere { centre: light.position, radius, faces_receivers, intensity, beam: None, web }
             }
             LightShape::Spot { intensity, radius, outer_cone_angle, blend, falloff } => {
                 let beam = Beam { axis: -z, outer: outer_cone_angle, blend, falloff };
-                Shape::Sphere { centre: light.position, radius, intensity, beam: Some(beam) }
+                Shape::Sphere { centre: light.position, radius, faces_receivers, intensity, beam: Some(beam), web }
             }
             LightShape::Sun { irradiance, angle } => Shape::Sun { direction: z, sine: (angle * 0.5).sin(), irradiance },
         };
         Self { shape, casts_shadows: light.casts_shadows }
     }
 
-    /// A lower bound of the distance from `p` to the lamp, metres.
+    /// A length in metres over which the lamp's irradiance around `p` is smooth: its distance, or less at the rim of a beam.
     pub fn distance(&self, p: Vec3) -> f32 {
         match &self.shape {
-            Shape::Polygon { centre, half, .. } => p.distance(*centre) - half[0].length().hypot(half[1].length()),
-            Shape::Sphere { centre, radius, .. } => p.distance(*centre) - radius,
-            Shape::Sun { .. } => f32::INFINITY,
+            Shape::Polygon { centre, half, normal, spread, .. } => {
+                let near = p.distance(*centre) - half[0].length().hypot(half[1].length());
+                // From its middle to its rim the beam fades over this length; its curvature asks for half of it.
+                let rim =
+                    if *spread < PI { 0.5 * (p - *centre).dot(*normal).abs() * (0.5 * spread).tan() } else { near };
+                near.min(rim)
+            }
+            Shape::Sphere { centre, radius, beam, .. } => {
+                let near = p.distance(*centre) - radius;
+                beam.map_or(near, |beam| near.min(beam.smoothness(p - *centre)))
+            }
+            Shape::Sun { .. } | Shape::Region(_) => f32::INFINITY,
             Shape::Triangles { centre, radius, .. } => p.distance(*centre) - radius,
         }
     }
@@ -166,7 +220,7 @@ impl Lamp {
     /// Irradiance at a point with unit normal `n` if nothing blocks, W/m².
     pub fn unoccluded(&self, p: Vec3, n: Vec3) -> Rgb {
         match &self.shape {
-            Shape::Polygon { corners, centre, normal, radiance, .. } => {
+            Shape::Polygon { corners, centre, normal, radiance, spread, .. } => {
                 if (p - centre).dot(*normal) <= 0.0 {
                     return Rgb::ZERO;
                 }
@@ -174,13 +228,20 @@ impl Lamp {
                 for (r, c) in relative.iter_mut().zip(corners) {
                     *r = *c - p;
                 }
-                *radiance * (PI * form_factor::polygon(n, &relative[..corners.len()]))
+                let outline = &relative[..corners.len()];
+                let factor = if *spread < PI {
+                    soft_box::polygon(n, outline, *normal, *spread)
+                } else {
+                    form_factor::polygon(n, outline)
+                };
+                *radiance * (PI * factor)
             }
-            Shape::Sphere { centre, radius, intensity, beam } => {
+            Shape::Sphere { centre, radius, faces_receivers, intensity, beam, web } => {
                 let v = *centre - p;
                 let d2 = v.length_squared().max(1e-12);
                 let toward = v / d2.sqrt();
-                let falloff = beam.map_or(1.0, |b| b.attenuation(-toward));
+                let v = if *faces_receivers { toward * silhouette(d2, *radius) } else { v };
+                let falloff = falloff(beam, web, -toward);
                 let per_intensity = if *radius > 0.0 {
                     form_factor::sphere(n, v, *radius) / (radius * radius)
                 } else {
@@ -195,6 +256,7 @@ impl Lamp {
                     *irradiance * n.dot(*direction).max(0.0)
                 }
             }
+            Shape::Region(region) => region.unoccluded(n),
             Shape::Triangles { triangles, .. } => triangles.iter().map(|t| t.unoccluded(p, n)).sum(),
         }
     }
@@ -203,23 +265,33 @@ impl Lamp {
     /// normal `n` from there.
     pub fn sample(&self, p: Vec3, n: Vec3, u: Vec2) -> Option<LampSample> {
         let sample = match &self.shape {
-            Shape::Polygon { centre, half, normal, round, radiance, .. } => {
-                let s = if *round { uniform_disk(u) } else { u * 2.0 - Vec2::ONE };
+            Shape::Polygon { centre, half, normal, round, radiance, spread, .. } => {
+                let s = if *spread < PI {
+                    within_beam(*centre - p, half, *normal, *round, *spread, u)?
+                } else if *round {
+                    uniform_disk(u)
+                } else {
+                    u * 2.0 - Vec2::ONE
+                };
                 let v = *centre + half[0] * s.x + half[1] * s.y - p;
-                area_sample(v, *normal, false, *radiance)?
+                let sample = area_sample(v, *normal, false, *radiance)?;
+                let beam = spread_attenuation(-normal.dot(sample.direction), *spread);
+                LampSample { weight: sample.weight * beam, ..sample }
             }
-            Shape::Sphere { centre, radius, intensity, beam } => {
+            Shape::Sphere { centre, radius, faces_receivers, intensity, beam, web } => {
                 let v = *centre - p;
                 let d = v.length().max(1e-6);
                 let axis = v / d;
-                let weight = *intensity * beam.map_or(1.0, |b| b.attenuation(-axis));
-                let sine = (radius / d).min(1.0);
+                let weight = *intensity * falloff(beam, web, -axis);
+                let apparent = if *faces_receivers { silhouette(d * d, *radius) } else { d };
+                let sine = (radius / apparent).min(1.0);
                 LampSample { direction: cap_direction(axis, sine, u), distance: (d - radius).max(0.0), weight }
             }
             Shape::Sun { direction, sine, irradiance } => {
                 let direction = cap_direction(*direction, *sine, u);
                 LampSample { direction, distance: f32::INFINITY, weight: *irradiance }
             }
+            Shape::Region(region) => region.sample(u),
             Shape::Triangles { triangles, .. } => {
                 let i = triangles.partition_point(|t| t.cumulative <= u.x).min(triangles.len() - 1);
                 let t = &triangles[i];
@@ -236,6 +308,35 @@ impl Lamp {
         let cosine = n.dot(sample.direction);
         (cosine > 0.0).then_some(LampSample { weight: sample.weight * cosine, ..sample })
     }
+}
+
+/// Distance from which a sphere looks as large as a facing disk of its `radius` does from the square root of `d2`.
+fn silhouette(d2: f32, radius: f32) -> f32 {
+    (d2 + radius * radius).sqrt()
+}
+
+/// Relative intensity of a point-like lamp towards unit direction `d` (from the lamp).
+fn falloff(beam: &Option<Beam>, web: &Option<Web>, d: Vec3) -> f32 {
+    beam.map_or(1.0, |b| b.attenuation(d)) * web.as_ref().map_or(1.0, |w| w.attenuation(d))
+}
+
+/// A point of an area lamp in half axes, uniform over the part from which the beam reaches the receiver; the lamp's
+/// centre is at `v` from there. None if there seems to be no such part.
+fn within_beam(v: Vec3, half: &[Vec3; 2], normal: Vec3, round: bool, spread: f32, u: Vec2) -> Option<Vec2> {
+    let reach = -v.dot(normal) * (0.5 * spread.max(NARROWEST_SPREAD as f32)).tan();
+    let sides = Vec2::new(half[0].length(), half[1].length());
+    // The receiver's foot on the lamp's plane, and the box around the beam's circle there.
+    let foot = Vec2::new(-v.dot(half[0]), -v.dot(half[1])) / (sides * sides);
+    let (low, high) = ((foot - reach / sides).max(Vec2::NEG_ONE), (foot + reach / sides).min(Vec2::ONE));
+    if reach <= 0.0 || low.cmpge(high).any() {
+        return None;
+    }
+    // Shifts of the plastic number keep the points of several tries apart. (Roberts, 2018.)
+    (0..TRIES).map(|k| (u + Vec2::new(0.754_877_7, 0.569_840_3) * k as f32).fract()).find_map(|u| {
+        let s = low + u * (high - low);
+        let inside = ((s - foot) * sides).length_squared() < reach * reach && (!round || s.length_squared() < 1.0);
+        inside.then_some(s)
+    })
 }
 
 /// Direction inside the cone with the given sine around `axis`, uniform in solid angle for narrow cones.
@@ -290,6 +391,8 @@ mod tests {
             // Shines straight down.
             axes: [Vec3::X, Vec3::NEG_Z, Vec3::Y],
             shape,
+            profile: None,
+            faces_receivers: false,
         })
     }
 
@@ -316,5 +419,24 @@ mod tests {
         let s = crate::math::Sequence::new(7);
         let mean = (0..4096).filter_map(|i| l.sample(p, n, s.first(i))).map(|s| s.weight.x).sum::<f32>() / 4096.0;
         assert!((mean * 2.0 / l.unoccluded(p, n).x - 1.0).abs() < 2e-3);
+    }
+
+    #[test]
+    fn every_point_in_the_beam_of_a_narrow_lamp_gets_samples() {
+        for (size, spread) in [([2.0, 1.0], 0.8), ([2.0, 1.0], 0.05), ([0.2, 0.1], 0.0)] {
+            for round in [false, true] {
+                let shape = match round {
+                    true => LightShape::Disk { radiance: Rgb::ONE, size, spread },
+                    false => LightShape::Rect { radiance: Rgb::ONE, size, spread },
+                };
+                let l = lamp(shape);
+                let s = crate::math::Sequence::new(3);
+                for p in (0..100).map(|i| s.second(i) * 3.0 - 1.5).map(|p| Vec3::new(p.x, 0.0, p.y)) {
+                    let lit = l.unoccluded(p, Vec3::Y).x > 0.02 * l.unoccluded(Vec3::ZERO, Vec3::Y).x;
+                    let count = (0..16).filter(|&i| l.sample(p, Vec3::Y, s.first(i)).is_some()).count();
+                    assert!(!lit || count >= 15, "{size:?} {spread} {p}: {count} of 16 samples");
+                }
+            }
+        }
     }
 }

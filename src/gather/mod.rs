@@ -5,18 +5,22 @@ mod cells;
 mod direct;
 mod emitters;
 mod footprint;
+mod guide;
 mod lamp;
+mod obstacles;
 mod probe;
+mod region;
 mod source;
 
-pub use bounce::bounce;
+pub use bounce::{Bounce, bounce};
 pub use cells::{CellSettings, indirect};
-pub use direct::{DirectSettings, Lamps, element_direct, texel_direct};
+pub use direct::{Direct, DirectSettings, Lamps, element_direct, texel_direct};
 pub use emitters::{Emission, classify};
 pub use footprint::Footprint;
+pub use guide::Guide;
 pub use lamp::Lamp;
 pub use probe::{Probe, ProbeSettings};
-pub use source::Source;
+pub use source::{LitScene, Source, shut_texels};
 
 use crate::scene::Rgb;
 

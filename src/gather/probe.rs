@@ -1,19 +1,32 @@
 //! A probe: irradiance at one texel from all directions, by stratified rays into the coarse solution.
+//!
+//! The hemisphere is cut into strata of equal irradiance with one ray each; more rays go where the view changes, such
+//! as along the frame of a window. How many a stratum gets is told by its neighbours alone and never by its own ray:
+//! otherwise small bright things would be looked at again where a ray met them but not where it missed, and come out
+//! too dark.
 
 use super::footprint::Footprint;
-use super::source::Source;
+use super::source::{Followed, Source};
 use crate::accel::offset_origin;
 use crate::math::{Sequence, cosine_hemisphere, hash2};
 use crate::scene::Rgb;
+use glam::Vec2;
 use std::f32::consts::PI;
+
+/// Strata along a side of the square that maps to the hemisphere.
+const SIDE: usize = 16;
+/// All strata.
+const STRATA: usize = SIDE * SIDE;
+/// Most rays of one stratum.
+const MOST: f32 = 256.0;
+/// Rays of a stratum in which neighbours saw something bright.
+const LOOKS: u32 = 4;
 
 /// How many rays a probe casts.
 #[derive(Clone, Copy, Debug)]
 pub struct ProbeSettings {
-    /// Rays per round, a power of two.
-    pub round: u32,
-    /// Most rounds.
-    pub rounds: u32,
+    /// Most rays on top of one per stratum.
+    pub extra: u32,
     /// Standard error, relative to the irradiance, at which a probe is content.
     pub tolerance: f32,
     /// Irradiance below which errors do not matter, W/m².
@@ -36,42 +49,189 @@ pub struct Probe {
 impl Probe {
     /// Gathers at `texel`. Rays start all over the texel's usable part, so that the value is its mean.
     pub fn gather(source: &Source, footprint: &Footprint, texel: u32, settings: &ProbeSettings) -> Self {
-        let sequence = Sequence::new(hash2(texel, 0x9a7e));
-        let (mut sum, mut inverse) = (Rgb::ZERO, 0.0f32);
-        let mut rays = 0;
-        let (mut square_rounds, mut error) = (0.0f32, f32::INFINITY);
-        for round in 0..settings.rounds {
-            // Halves of a round are stratified themselves: their difference tells the error.
-            let mut halves = [Rgb::ZERO; 2];
-            for (h, half) in halves.iter_mut().enumerate() {
-                let n = settings.round / 2;
-                for i in 0..n {
-                    let index = round * settings.round + h as u32 * n + i;
-                    let p = footprint.point(texel, sequence.second(index));
-                    let direction = cosine_hemisphere(p.shading_normal, sequence.first(index));
-                    if direction.dot(p.geometric_normal) <= 0.0 {
-                        continue;
-                    }
-                    let origin = offset_origin(p.position, p.geometric_normal);
-                    // Cosine-weighted rays stand for more of the view towards the horizon.
-                    let cosine = direction.dot(p.shading_normal).max(0.05);
-                    let solid_angle = PI / (settings.round as f32 * cosine);
-                    let seen = source.look(origin, direction, solid_angle);
-                    *half += seen.radiance;
-                    inverse += 1.0 / seen.distance.max(1e-6);
+        let view = View { source, footprint, texel };
+        let mut strata = [Stratum::default(); STRATA];
+        let (mut inverse, mut rays) = (0.0f32, 0);
+        let sequence = Sequence::new(0x9a7e);
+        for i in 0..STRATA as u32 {
+            let u = sequence.first(i);
+            let seen = view.cast(u, sequence.second(i), 1.0);
+            strata[stratum(u)].add(seen.radiance);
+            inverse += 1.0 / seen.distance.max(1e-6);
+            rays += seen.rays;
+        }
+        if let Some(bright) = source.bright(texel) {
+            let normal = footprint.centre(texel).shading_normal;
+            for (s, stratum) in strata.iter_mut().enumerate() {
+                let middle = (corner(s) + Vec2::splat(0.5)) / SIDE as f32;
+                if bright.contains(cosine_hemisphere(normal, middle)) {
+                    rays += view.look_closer(s, stratum, LOOKS);
                 }
             }
-            rays += settings.round;
-            sum += halves[0] + halves[1];
-            let difference = (halves[0] - halves[1]).element_sum() / 3.0;
-            square_rounds += difference * difference;
-            error = PI * square_rounds.sqrt() / rays as f32;
-            let mean = PI * sum.element_sum() / 3.0 / rays as f32;
-            // Full stratification does about twice as well as two independent halves would.
-            if 0.5 * error <= settings.tolerance * (mean + settings.floor) {
-                break;
+        }
+        let spread = spread(&strata.map(|s| s.mean()), &strata.map(|s| s.variance()));
+        let mean = strata.iter().map(Stratum::mean).sum::<f32>() / STRATA as f32;
+        let counts = allot(&spread, settings.tolerance * (mean + settings.floor / PI), settings.extra);
+        let mut variance = 0.0;
+        for (s, stratum) in strata.iter_mut().enumerate() {
+            rays += view.look_closer(s, stratum, counts[s]);
+            variance += spread[s] * spread[s] / stratum.count as f32;
+        }
+        Self {
+            irradiance: strata.iter().map(|s| s.sum / s.count as f32).sum::<Rgb>() * (PI / STRATA as f32),
+            distance: STRATA as f32 / inverse.max(1e-12),
+            error: PI * variance.sqrt() / STRATA as f32,
+            rays,
+        }
+    }
+}
+
+/// What the rays of one stratum brought.
+#[derive(Clone, Copy, Default)]
+struct Stratum {
+    /// Sum of radiance, W/(m²·sr).
+    sum: Rgb,
+    /// Sum of squares of the channels' mean.
+    squares: f32,
+    /// Rays.
+    count: u32,
+}
+
+impl Stratum {
+    fn add(&mut self, radiance: Rgb) {
+        self.sum += radiance;
+        self.squares += (radiance.element_sum() / 3.0).powi(2);
+        self.count += 1;
+    }
+
+    fn mean(&self) -> f32 {
+        self.sum.element_sum() / 3.0 / self.count as f32
+    }
+
+    /// Of single rays; zero if there is but one.
+    fn variance(&self) -> f32 {
+        if self.count < 2 {
+            return 0.0;
+        }
+        let n = self.count as f32;
+        ((self.squares / n - self.mean().powi(2)) * n / (n - 1.0)).max(0.0)
+    }
+}
+
+/// Lower corner of stratum `s` in units of strata.
+fn corner(s: usize) -> Vec2 {
+    Vec2::new((s % SIDE) as f32, (s / SIDE) as f32)
+}
+
+/// Rays from one texel.
+struct View<'a> {
+    source: &'a Source<'a>,
+    footprint: &'a Footprint<'a>,
+    texel: u32,
+}
+
+impl View<'_> {
+    /// Casts rays into stratum `s` until it has `count`. Returns how many that took, turns included.
+    fn look_closer(&self, s: usize, stratum: &mut Stratum, count: u32) -> u32 {
+        let sequence = Sequence::new(hash2(s as u32, 0x57a7));
+        let mut rays = 0;
+        for i in stratum.count..count {
+            let u = (corner(s) + sequence.first(i)) / SIDE as f32;
+            let seen = self.cast(u, sequence.second(i), 1.0 / count as f32);
+            stratum.add(seen.radiance);
+            rays += seen.rays;
+        }
+        rays
+    }
+
+    /// What lies in the direction that belongs to `u`. The ray stands for `share` of a stratum and starts where `place`
+    /// says.
+    fn cast(&self, u: Vec2, place: Vec2, share: f32) -> Followed {
+        let p = self.footprint.point(self.texel, place);
+        let direction = cosine_hemisphere(p.shading_normal, u);
+        if direction.dot(p.geometric_normal) <= 0.0 {
+            return Followed { radiance: Rgb::ZERO, distance: f32::INFINITY, rays: 0 };
+        }
+        // Cosine-weighted rays stand for more of the view towards the horizon.
+        let cosine = direction.dot(p.shading_normal).max(0.05);
+        let solid_angle = share * PI / (STRATA as f32 * cosine);
+        let seed = hash2(u.x.to_bits(), u.y.to_bits());
+        self.source.follow(offset_origin(p.position, p.geometric_normal), direction, solid_angle, seed)
+    }
+}
+
+/// The stratum that a point of the unit square lies in.
+fn stratum(u: Vec2) -> usize {
+    let index = |x: f32| ((x * SIDE as f32) as usize).min(SIDE - 1);
+    index(u.y) * SIDE + index(u.x)
+}
+
+/// Deviation to be expected inside each stratum, from the differences between its neighbours on opposite sides and from
+/// the variance inside these.
+fn spread(radiance: &[f32; STRATA], variance: &[f32; STRATA]) -> [f32; STRATA] {
+    let value = |x: i32, y: i32| {
+        let inside = |v: i32| (0..SIDE as i32).contains(&v);
+        (inside(x) && inside(y)).then(|| y as usize * SIDE + x as usize)
+    };
+    std::array::from_fn(|s| {
+        let (x, y) = ((s % SIDE) as i32, (s / SIDE) as i32);
+        let (mut squares, mut pairs) = (0.0, 0);
+        for (dx, dy) in [(1, 0), (0, 1), (1, 1), (1, -1)] {
+            // At the horizon, where a side is missing, two that follow one another on the other side tell.
+            let one = value(x + dx, y + dy).or_else(|| value(x - 2 * dx, y - 2 * dy));
+            let other = value(x - dx, y - dy).or_else(|| value(x + 2 * dx, y + 2 * dy));
+            if let (Some(a), Some(b)) = (one, other) {
+                squares += (radiance[a] - radiance[b]).powi(2) + variance[a] + variance[b];
+                pairs += 1;
             }
         }
-        Self { irradiance: sum * (PI / rays as f32), distance: rays as f32 / inverse.max(1e-12), error, rays }
+        (squares / (2 * pairs) as f32).sqrt()
+    })
+}
+
+/// Rays per stratum, one at least, so that the standard error of their mean stays below `tolerance` with the fewest
+/// rays: in proportion to the spread.
+fn allot(spread: &[f32; STRATA], tolerance: f32, extra: u32) -> [u32; STRATA] {
+    let total: f32 = spread.iter().sum();
+    let wanted = total / (STRATA as f32 * tolerance.max(f32::MIN_POSITIVE)).powi(2);
+    let most = (STRATA as u32 + extra) as f32 / total.max(f32::MIN_POSITIVE);
+    spread.map(|s| (wanted.min(most) * s).clamp(1.0, MOST).round() as u32)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_stratum_does_not_judge_itself() {
+        let mut radiance = [1.0; STRATA];
+        radiance[5 * SIDE + 7] = 100.0;
+        let spread = spread(&radiance, &[0.0; STRATA]);
+        assert_eq!(spread[5 * SIDE + 7], 0.0);
+        assert!(spread[5 * SIDE + 8] > 10.0);
+        assert_eq!(spread[5 * SIDE + 10], 0.0);
+    }
+
+    #[test]
+    fn borders_are_judged_from_inside() {
+        let mut radiance = [0.0; STRATA];
+        for y in 0..SIDE {
+            radiance[y * SIDE + 1] = 1.0;
+        }
+        let spread = spread(&radiance, &[0.0; STRATA]);
+        assert!((0..SIDE).all(|y| spread[y * SIDE] > 0.3), "{:?}", spread[0]);
+    }
+
+    #[test]
+    fn rays_follow_the_spread_and_meet_the_tolerance() {
+        let mut spread = [0.0; STRATA];
+        for (i, s) in spread.iter_mut().enumerate().take(64) {
+            *s = 1.0 + (i % 4) as f32;
+        }
+        let counts = allot(&spread, 0.01, 100_000);
+        let variance: f32 = counts.iter().zip(&spread).map(|(&c, &s)| s * s / c as f32).sum();
+        assert!(variance.sqrt() / STRATA as f32 <= 0.0105, "{}", variance.sqrt() / STRATA as f32);
+        assert!(counts[64..].iter().all(|&c| c == 1));
+        assert!(counts.iter().sum::<u32>() < 2000);
     }
 }

@@ -1,18 +1,28 @@
 //! What a gather ray sees: the radiance of the coarse solution, refined by each texel's own direct light.
 
+use super::direct::{Direct, Lamps};
 use super::emitters::Emission;
 use super::footprint::Footprint;
-use crate::accel::{Accel, Hit, Ray};
-use crate::atlas::Atlas;
+use super::guide::{Bright, Guide};
+use crate::accel::{Accel, Hit, Ray, offset_origin};
+use crate::atlas::{Atlas, SurfacePoint};
 use crate::hierarchy::{Hierarchy, Side, Surfels};
+use crate::math::{cosine_hemisphere, hash2, hash3, unit_float};
 use crate::scene::Rgb;
-use glam::Vec3;
+use glam::{Vec2, Vec3};
 use half::f16;
 use rayon::prelude::*;
-use std::f32::consts::FRAC_1_PI;
+use std::f32::consts::{FRAC_1_PI, PI};
 
 /// Below this share the open part of a texel is too small to be known well.
 const LEAST_OPEN: f32 = 0.25;
+/// Widths of an element within which its mean irradiance says too little to those who see it.
+const CONTACT: f32 = 1.0;
+/// Turns of a path at most.
+const MOST_TURNS: u32 = 8;
+
+/// Translucent surfaces in a row from which on a ray stops.
+const MOST_LAYERS: u32 = 16;
 
 /// What a ray sees.
 #[derive(Clone, Copy, Debug)]
@@ -21,19 +31,101 @@ pub struct Seen {
     pub radiance: Rgb,
     /// Distance to where it comes from, metres.
     pub distance: f32,
-    /// The element that reflects it, if that shares in the element's irradiance.
-    pub element: Option<u32>,
+    /// The receiver that reflects it: an element, or behind all elements a shut texel.
+    pub receiver: Option<u32>,
+}
+
+/// What a path sees.
+#[derive(Clone, Copy, Debug)]
+pub struct Followed {
+    /// W/(m²·sr).
+    pub radiance: Rgb,
+    /// Distance to the first surface, metres.
+    pub distance: f32,
+    /// Rays cast, those to lamps left out.
+    pub rays: u32,
+}
+
+/// What a ray runs into.
+struct Met {
+    /// Radiance of the sky, or emitted by surfaces as rays see it, W/(m²·sr).
+    own: Rgb,
+    /// Weight of what the place reflects: what surfaces before it let through.
+    passed: Rgb,
+    /// Distance, metres.
+    distance: f32,
+    /// Where it reflects, if it does.
+    place: Option<Place>,
+}
+
+/// A point of a surface that reflects.
+#[derive(Clone, Copy)]
+struct Place {
+    point: Vec3,
+    /// Unit normal of the side that was met.
+    normal: Vec3,
+    /// Of the angle between it and the ray.
+    cosine: f32,
+    side: Side,
+    surfel: u32,
+    element: u32,
+}
+
+/// Everything that says what leaves the scene's surfaces, but for the irradiance of elements.
+#[derive(Clone, Copy)]
+pub struct LitScene<'a> {
+    /// Ray queries.
+    pub accel: &'a Accel<'a>,
+    /// Where texels lie.
+    pub atlas: &'a Atlas,
+    /// Texels and patches without a lightmap.
+    pub surfels: &'a Surfels<'a>,
+    /// Elements and their clusters.
+    pub hierarchy: &'a Hierarchy,
+    /// Which emission rays meet.
+    pub emission: &'a Emission,
+    /// Which part of texels is open.
+    pub footprint: &'a Footprint<'a>,
+    /// What sends light to single points.
+    pub lamps: &'a Lamps<'a>,
+    /// Light straight from lamps per texel.
+    pub direct: &'a Direct,
+    /// Irradiance of every element straight from lamps, W/m².
+    pub element_direct: &'a [Rgb],
+    /// Texels that something stands on while their element lies partly open, ascending: they do not share in what the
+    /// element receives and are receivers of their own, numbered on from the elements.
+    pub shut: &'a [u32],
+}
+
+/// The shut texels of a scene.
+pub fn shut_texels(surfels: &Surfels, hierarchy: &Hierarchy) -> Vec<u32> {
+    let is_shut = |&s: &u32| {
+        surfels.is_covered(s) && hierarchy.element_of(s, Side::Front).is_some_and(|e| hierarchy.is_open(surfels, e))
+    };
+    (0..surfels.texels.len() as u32).into_par_iter().filter(is_shut).collect()
+}
+
+impl LitScene<'_> {
+    /// The receiver of a shut texel.
+    fn shut_receiver(&self, surfel: u32) -> Option<u32> {
+        if !self.surfels.is_covered(surfel) {
+            return None;
+        }
+        let index = self.shut.binary_search(&surfel).ok()?;
+        Some((self.hierarchy.elements.len() + index) as u32)
+    }
+}
+
+/// Share of a texel that is seen, from the share of it that is open: what is wholly covered is seen through gaps.
+fn open_part(open: f32) -> f32 {
+    if open > 0.0 { open.max(LEAST_OPEN) } else { 1.0 }
 }
 
 /// The scene as a source of light.
 pub struct Source<'a> {
-    /// Ray queries.
-    pub accel: &'a Accel<'a>,
-    atlas: &'a Atlas,
-    surfels: &'a Surfels<'a>,
-    hierarchy: &'a Hierarchy,
-    emission: &'a Emission,
-    footprint: &'a Footprint<'a>,
+    lit: LitScene<'a>,
+    /// Where bright things are seen, if that is known.
+    guide: Option<&'a Guide>,
     /// Reflected radiance of every surfel's front, W/(m²·sr).
     front: Vec<[f16; 3]>,
     /// Reflected radiance of every element, W/(m²·sr).
@@ -43,32 +135,21 @@ pub struct Source<'a> {
 }
 
 impl<'a> Source<'a> {
-    /// `direct` is the irradiance of every texel straight from lamps; `element_direct` and `element_rest` are the
-    /// irradiance of every element from lamps and from everything else, all in W/m².
-    pub fn new(
-        accel: &'a Accel<'a>,
-        atlas: &'a Atlas,
-        surfels: &'a Surfels<'a>,
-        hierarchy: &'a Hierarchy,
-        emission: &'a Emission,
-        footprint: &'a Footprint<'a>,
-        direct: &[Rgb],
-        element_direct: &[Rgb],
-        element_rest: &[Rgb],
-    ) -> Self {
+    /// `rest` is the irradiance of every receiver from everything but lamps, W/m²; `guide` aims the rays of probes.
+    pub fn new(lit: LitScene<'a>, rest: &[Rgb], guide: Option<&'a Guide>) -> Self {
+        let LitScene { surfels, hierarchy, footprint, element_direct, .. } = lit;
         let radiance = |s: u32, e: Rgb| (e * surfels.reflectance(s) * FRAC_1_PI).min(Rgb::splat(f16::MAX.to_f32()));
         let front: Vec<[f16; 3]> = (0..surfels.len() as u32)
             .into_par_iter()
             .map(|s| {
                 let Some(e) = hierarchy.element_of(s, Side::Front) else { return [f16::ZERO; 3] };
                 // A texel's irradiance is the mean with what is covered and dark; others see only the open part.
-                let own = match direct.get(s as usize) {
-                    Some(&mean) => mean / footprint.open()[s as usize].max(LEAST_OPEN),
+                let own = match lit.direct.irradiance.get(s as usize) {
+                    Some(&mean) => mean / open_part(footprint.open()[s as usize]),
                     None => element_direct[e as usize],
                 };
-                // What something stands on does not share in what the element's open part receives.
-                let share = if surfels.is_covered(s) && hierarchy.is_open(surfels, e) { 0.0 } else { 1.0 };
-                radiance(s, own + element_rest[e as usize] * share).to_array().map(f16::from_f32)
+                let receiver = lit.shut_receiver(s).unwrap_or(e);
+                radiance(s, own + rest[receiver as usize]).to_array().map(f16::from_f32)
             })
             .collect();
         let (elements, areas) = hierarchy
@@ -83,57 +164,142 @@ impl<'a> Source<'a> {
                     area += a;
                     sum += a * match element.side {
                         Side::Front => Rgb::from_array(front[s as usize].map(f16::to_f32)),
-                        Side::Back => radiance(s, element_direct[i] + element_rest[i]),
+                        Side::Back => radiance(s, element_direct[i] + rest[i]),
                     };
                 }
                 (sum / area.max(f32::MIN_POSITIVE), area)
             })
             .unzip();
-        Self { accel, atlas, surfels, hierarchy, emission, footprint, front, elements, areas }
+        Self { lit, guide, front, elements, areas }
     }
 
-    /// What is seen along a ray that stands for `solid_angle` sr.
+    /// What is bright as seen from a surfel's front.
+    pub fn bright(&self, surfel: u32) -> Option<Bright<'_>> {
+        Some(self.guide?.around(self.lit.hierarchy.element_of(surfel, Side::Front)?))
+    }
+
+    /// What is seen along a ray that stands for `solid_angle` sr, as the coarse solution has it.
     pub fn look(&self, origin: Vec3, direction: Vec3, solid_angle: f32) -> Seen {
-        let ray = Ray { origin, direction, t_min: 0.0, t_max: f32::INFINITY };
-        match self.accel.closest(&ray) {
-            Some(hit) => self.leaving(&hit, direction, solid_angle),
-            None => {
-                let radiance = self.accel.scene().environment.radiance(direction);
-                Seen { radiance, distance: f32::INFINITY, element: None }
-            }
-        }
+        let met = self.meet(origin, direction, solid_angle);
+        let Some(place) = met.place else {
+            return Seen { radiance: met.own, distance: met.distance, receiver: None };
+        };
+        let reflected = met.passed * self.cached(&place, met.distance, solid_angle);
+        let receiver = self.shut_receiver(&place).unwrap_or(place.element);
+        Seen { radiance: met.own + reflected, distance: met.distance, receiver: Some(receiver) }
     }
 
-    /// What a hit point sends against `direction`.
-    fn leaving(&self, hit: &Hit, direction: Vec3, solid_angle: f32) -> Seen {
-        let scene = self.accel.scene();
+    /// Like `look`, but a path that ends nearer than the coarse solution can tell what happens there, as in corners and
+    /// narrow gaps, goes on. `seed` makes its turns.
+    pub fn follow(&self, origin: Vec3, direction: Vec3, solid_angle: f32, seed: u32) -> Followed {
+        let first = self.meet(origin, direction, solid_angle);
+        let (mut radiance, mut weight) = (first.own, first.passed);
+        let (mut place, mut distance, mut solid_angle) = (first.place, first.distance, solid_angle);
+        let mut rays = 1;
+        for turn in 0.. {
+            let Some(at) = place else { break };
+            if turn == MOST_TURNS || distance * distance > CONTACT * CONTACT * self.areas[at.element as usize] {
+                radiance += weight * self.cached(&at, distance, solid_angle);
+                break;
+            }
+            let seed = hash3(seed, turn, at.surfel);
+            weight *= self.lit.surfels.reflectance(at.surfel);
+            radiance += weight * FRAC_1_PI * self.direct_at(&at, seed);
+            let u = Vec2::new(unit_float(hash2(seed, 1)), unit_float(hash2(seed, 2)));
+            let next = self.meet(offset_origin(at.point, at.normal), cosine_hemisphere(at.normal, u), PI);
+            radiance += weight * next.own;
+            weight *= next.passed;
+            rays += 1;
+            (place, distance) = (next.place, next.distance);
+            // It now stands for all that the point sees.
+            solid_angle = PI;
+        }
+        Followed { radiance, distance: first.distance, rays }
+    }
+
+    /// What a ray that stands for `solid_angle` sr runs into. Translucent surfaces stop it by chance.
+    fn meet(&self, origin: Vec3, direction: Vec3, solid_angle: f32) -> Met {
+        let accel = self.lit.accel;
+        let mut ray = Ray { origin, direction, t_min: 0.0, t_max: f32::INFINITY };
+        let (mut own, mut passed) = (Rgb::ZERO, Rgb::ONE);
+        for layer in 0.. {
+            let Some(hit) = accel.closest(&ray) else {
+                own += passed * accel.scene().environment.mean_radiance(direction, solid_angle);
+                return Met { own, passed, distance: f32::INFINITY, place: None };
+            };
+            let (emitted, place) = self.surface(&ray, &hit);
+            own += passed * emitted;
+            if let Some(through) = accel.transmission_at(&hit) {
+                let chance = if layer < MOST_LAYERS { through.element_sum() / 3.0 } else { 0.0 };
+                let seed = direction.to_array().iter().fold(layer, |seed, x| hash2(seed, x.to_bits()));
+                if unit_float(seed) < chance {
+                    passed *= through / chance;
+                    ray = accel.behind(&ray, &hit);
+                    continue;
+                }
+                passed /= 1.0 - chance;
+            }
+            return Met { own, passed, distance: hit.t, place };
+        }
+        unreachable!("the last layer stops every ray")
+    }
+
+    /// Radiance that the surface at a hit emits against the ray, and where it reflects.
+    fn surface(&self, ray: &Ray, hit: &Hit) -> (Rgb, Option<Place>) {
+        let lit = &self.lit;
+        let scene = lit.accel.scene();
+        let direction = ray.direction;
         let (instance, triangle) = (hit.instance as usize, hit.triangle as usize);
         let cosine = -hit.normal.dot(direction);
         let side = if cosine >= 0.0 { Side::Front } else { Side::Back };
         if side == Side::Back && !scene.material_of(scene.instances[instance].mesh, triangle).double_sided {
-            return Seen { radiance: Rgb::ZERO, distance: hit.t, element: None };
+            return (Rgb::ZERO, None);
         }
-        let own = if self.emission.is_seen(scene, instance, triangle) {
-            scene.emission_at(instance, triangle, hit.barycentric)
+        let own = if lit.emission.is_seen(scene, instance, triangle) {
+            let there = scene.alpha_at(instance, triangle, hit.barycentric);
+            scene.emission_at(instance, triangle, hit.barycentric) * there
         } else {
             Rgb::ZERO
         };
-        let dark = Seen { radiance: own, distance: hit.t, element: None };
-        let Some(surfel) = self.surfels.at(self.atlas, instance, triangle, hit.barycentric) else { return dark };
-        let surfel = match self.atlas.locate(instance, triangle, hit.barycentric) {
-            Some((_, p)) => self.footprint.seen_at(surfel, p),
-            None => surfel,
-        };
-        let Some(element) = self.hierarchy.element_of(surfel, side) else { return dark };
-        let footprint = solid_angle * hit.t * hit.t / cosine.abs().max(0.05);
+        let place = lit.surfels.at(lit.atlas, instance, triangle, hit.barycentric).and_then(|surfel| {
+            let surfel = match lit.atlas.locate(instance, triangle, hit.barycentric) {
+                Some((_, p)) => lit.footprint.seen_at(surfel, p),
+                None => surfel,
+            };
+            let element = lit.hierarchy.element_of(surfel, side)?;
+            let normal = if side == Side::Front { hit.normal } else { -hit.normal };
+            Some(Place { point: ray.origin + direction * hit.t, normal, cosine: cosine.abs(), side, surfel, element })
+        });
+        (own, place)
+    }
+
+    /// What a place reflects as the coarse solution has it, to a ray that stands for `solid_angle` sr, W/(m²·sr).
+    fn cached(&self, place: &Place, distance: f32, solid_angle: f32) -> Rgb {
+        let element = place.element as usize;
+        let footprint = solid_angle * distance * distance / place.cosine.max(0.05);
         // The ray stands for a patch of the surface: its mean is what the ray should bring, not one texel of it.
-        let reflected = if side == Side::Back || footprint > self.areas[element as usize] {
-            self.elements[element as usize]
+        let is_wide = footprint > self.areas[element] && self.shut_receiver(place).is_none();
+        if place.side == Side::Back || is_wide {
+            self.elements[element]
         } else {
-            Rgb::from_array(self.front[surfel as usize].map(f16::to_f32))
-        };
-        let shut =
-            side == Side::Front && self.surfels.is_covered(surfel) && self.hierarchy.is_open(self.surfels, element);
-        Seen { radiance: own + reflected, distance: hit.t, element: (!shut).then_some(element) }
+            Rgb::from_array(self.front[place.surfel as usize].map(f16::to_f32))
+        }
+    }
+
+    /// The receiver of a place that something stands on.
+    fn shut_receiver(&self, place: &Place) -> Option<u32> {
+        if place.side == Side::Front { self.lit.shut_receiver(place.surfel) } else { None }
+    }
+
+    /// Irradiance straight from lamps at a place, W/m²: its texel's if that is lit evenly, else sampled.
+    fn direct_at(&self, place: &Place, seed: u32) -> Rgb {
+        let direct = self.lit.direct;
+        let s = place.surfel as usize;
+        if place.side == Side::Front && direct.mixed.get(s) == Some(&false) {
+            return direct.irradiance[s];
+        }
+        let Place { point, normal, .. } = *place;
+        let point = SurfacePoint { position: point, geometric_normal: normal, shading_normal: normal };
+        self.lit.lamps.at(&point, seed)
     }
 }

@@ -199,8 +199,10 @@ impl Patches {
                 self.position.push(a + (b - a) * bary.x + (c - a) * bary.y);
                 self.normal.push(normal);
                 self.area.push(area);
-                self.reflectance.push(scene.reflectance_at(instance, triangle, bary));
-                self.emission.push(scene.emission_at(instance, triangle, bary));
+                // A hole neither reflects nor emits.
+                let there = scene.alpha_at(instance, triangle, bary);
+                self.reflectance.push(scene.reflectance_at(instance, triangle, bary) * there);
+                self.emission.push(scene.emission_at(instance, triangle, bary) * there);
                 self.owner.push((instance as u32, triangle as u32));
             }
         }

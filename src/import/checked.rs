@@ -4,6 +4,7 @@
 //! refuse a file.
 
 use super::ImportError;
+use crate::warning::Warning;
 use gltf::json::validation::Checked;
 use gltf::json::{Root, accessor, mesh};
 use serde::Deserialize;
@@ -17,17 +18,44 @@ const ARRAYS: [&str; 8] = ["accessors", "buffers", "bufferViews", "materials", "
 const MAX_UNBACKED: u64 = 1 << 28;
 
 /// The typed document. `buffers` are the loaded buffers. Every index that an import may follow is in range.
-pub(super) fn document(path: &Path, json: &Value, buffers: &[Vec<u8>]) -> Result<gltf::Document, ImportError> {
+pub(super) fn document(
+    path: &Path,
+    json: &Value,
+    buffers: &[Vec<u8>],
+    warnings: &mut Vec<Warning>,
+) -> Result<gltf::Document, ImportError> {
     let mut core = Map::new();
     for key in ARRAYS.into_iter().chain(["asset", "scene", "textures"]) {
         if let Some(value) = json.get(key) {
             core.insert(key.into(), without_extensions(value));
         }
     }
+    drop_missing_nodes(&mut core, warnings);
     let root = Root::deserialize(&Value::Object(core))
         .map_err(|e| ImportError::Json { path: path.into(), fault: e.to_string() })?;
     check(&root, buffers)?;
     Ok(gltf::Document::from_json_without_validation(root))
+}
+
+/// Takes children and roots that do not exist off their lists, with a warning each.
+fn drop_missing_nodes(core: &mut Map<String, Value>, warnings: &mut Vec<Warning>) {
+    let count = core.get("nodes").and_then(Value::as_array).map_or(0, Vec::len) as u64;
+    for (array, key) in [("nodes", "children"), ("scenes", "nodes")] {
+        let entries = core.get_mut(array).and_then(Value::as_array_mut).into_iter().flatten();
+        for (i, entry) in entries.enumerate() {
+            let name = entry.get("name").and_then(Value::as_str).map_or_else(|| format!("{array}[{i}]"), str::to_owned);
+            let Some(list) = entry.get_mut(key).and_then(Value::as_array_mut) else { continue };
+            list.retain(|node| {
+                let exists = node.as_u64().is_none_or(|node| node < count);
+                if !exists {
+                    let message =
+                        format!("its {key} list node {node}, and there are only {count}; it is skipped, export again");
+                    warnings.push(Warning::new("missing_node", name.as_str(), message));
+                }
+                exists
+            });
+        }
+    }
 }
 
 /// A copy without `extensions`, `extras` and the references to parts that are left out.

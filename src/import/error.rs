@@ -77,9 +77,6 @@ pub enum ImportError {
     /// The file cannot be understood without an extension that is not read.
     #[error("the file requires the extension {0}, which is not supported: export the scene without it")]
     RequiredExtension(String),
-    /// A node is its own ancestor.
-    #[error("node `{0}` is its own ancestor: remove the cycle from its children")]
-    Cycle(String),
     /// The scene that was asked for is not there.
     #[error("there is no scene `{asked}`: the file has {available}")]
     NoSuchScene {

@@ -4,9 +4,10 @@ use super::ImportError;
 use serde_json::Value;
 
 /// Required extensions that are read, or that change nothing that a lightmap depends on.
-const UNDERSTOOD: [&str; 27] = [
+const UNDERSTOOD: [&str; 28] = [
     super::EXTENSION,
     "EXT_lights_area",
+    "EXT_lights_ies",
     "EXT_mesh_gpu_instancing",
     "EXT_meshopt_compression",
     "EXT_texture_webp",

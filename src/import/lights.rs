@@ -1,14 +1,17 @@
-//! Lamps: LIGHTKILN_scene, KHR_lights_punctual and EXT_lights_area → lamps in world space, in radiometric units.
+//! Lamps: LIGHTKILN_scene, KHR_lights_punctual, EXT_lights_area and EXT_lights_ies → lamps in world space, in
+//! radiometric units.
 
 use super::nodes::PlacedNode;
+use super::profiles::Profiles;
 use super::{EXTENSION, json};
 use crate::document::Document;
-use crate::scene::{Falloff, Light, LightShape, Rgb};
-use crate::units::LightUnits;
+use crate::scene::{Falloff, Light, LightShape, Profile, Rgb};
+use crate::units::{LUMENS_PER_WATT, LightUnits};
 use crate::warning::Warning;
 use glam::Vec3;
 use serde_json::Value;
 use std::f32::consts::{FRAC_PI_2, FRAC_PI_4, PI};
+use std::sync::Arc;
 
 /// Lamps of the placed nodes.
 pub(super) fn load(
@@ -17,19 +20,32 @@ pub(super) fn load(
     units: LightUnits,
     warnings: &mut Vec<Warning>,
 ) -> Vec<Light> {
-    nodes.iter().filter_map(|node| load_one(document, node, units, warnings)).collect()
+    let mut profiles = Profiles::default();
+    nodes.iter().filter_map(|node| load_one(document, node, units, &mut profiles, warnings)).collect()
 }
 
 /// Extensions that define lamps, the most exact first: a node that has several is lit by the first only.
-const KINDS: [(&str, Parser); 3] = [(EXTENSION, own), ("EXT_lights_area", area), ("KHR_lights_punctual", punctual)];
+const KINDS: [(&str, Parser); 4] =
+    [(EXTENSION, own), (AREA, area), (MEASURED, measured), ("KHR_lights_punctual", punctual)];
+
+const AREA: &str = "EXT_lights_area";
+const MEASURED: &str = "EXT_lights_ies";
 
 /// Definition → shape with the sizes of the file; `None` for a type it does not know.
 type Parser = fn(&mut Reader) -> Option<LightShape>;
 
-fn load_one(document: &Document, node: &PlacedNode, units: LightUnits, warnings: &mut Vec<Warning>) -> Option<Light> {
-    let (extension, parse, reference) = KINDS
+fn load_one(
+    document: &Document,
+    node: &PlacedNode,
+    units: LightUnits,
+    profiles: &mut Profiles,
+    warnings: &mut Vec<Warning>,
+) -> Option<Light> {
+    let (extension, parse, instance) = KINDS
         .iter()
-        .find_map(|(name, parse)| Some((*name, parse, document.extension("nodes", node.node, name)?.get("light")?)))?;
+        .filter_map(|(name, parse)| Some((*name, parse, document.extension("nodes", node.node, name)?)))
+        .find(|(.., instance)| instance.get("light").is_some())?;
+    let reference = &instance["light"];
     let definitions = document.root_extension(extension).and_then(|e| e.get("lights")).and_then(Value::as_array);
     let definition = reference.as_u64().and_then(|i| definitions?.get(usize::try_from(i).ok()?));
     let Some(definition) = definition else {
@@ -39,24 +55,33 @@ fn load_one(document: &Document, node: &PlacedNode, units: LightUnits, warnings:
     };
 
     let factor = units.to_radiometric();
-    let mut reader = Reader { definition, factor, faults: Vec::new() };
+    let mut reader = Reader { definition, instance, factor, faults: Vec::new() };
     // The draft scales areas evenly, the contract along each axis.
-    let even = extension == "EXT_lights_area";
+    let even = extension == AREA;
     let shape = parse(&mut reader).map(|shape| scaled(shape, node, even));
     let faults = std::mem::take(&mut reader.faults);
     warnings.extend(faults.into_iter().map(|fault| {
         Warning::new("light_value", node.path.as_str(), format!("lamp: {fault}; correct it in the source file"))
     }));
-    let Some(shape) = shape else {
+    let Some(mut shape) = shape else {
         let kind = json::string(definition, "type").unwrap_or("none");
         let message = format!("lamp: its type `{kind}` is unknown; the lamp is skipped, use one of the standard types");
         warnings.push(Warning::new("unknown_light", node.path.as_str(), message));
         return None;
     };
+    let source = if extension == MEASURED { Some(definition) } else { definition.get("ies") };
+    let profile = match source {
+        Some(source) => measure(document, source, extension, &mut shape, node, profiles, warnings)?,
+        None => None,
+    };
     if let Some(reason) = dark(&shape) {
         let message = format!("lamp: its {reason} is zero, so it gives no light and is skipped; raise it or remove it");
         warnings.push(Warning::new("dark_light", node.path.as_str(), message));
         return None;
+    }
+    if node.world.matrix3.determinant() == 0.0 && !matches!(shape, LightShape::Point { .. }) {
+        let message = "lamp: its node is scaled to nothing, so its direction is a guess; give the node a scale";
+        warnings.push(Warning::new("zero_scale", node.path.as_str(), message));
     }
     let group = json::string(definition, "group").map(str::to_owned);
     let casts = json::boolean(definition, "castsShadows");
@@ -67,14 +92,53 @@ fn load_one(document: &Document, node: &PlacedNode, units: LightUnits, warnings:
         group: node.settings.group.clone().or(group),
         casts_shadows: node.settings.casts_shadows.or(casts).unwrap_or(true),
         position: node.world.translation.as_vec3(),
-        axes: frame(node),
+        axes: profile_frame(source, frame(node)),
         shape,
+        profile,
+        faces_receivers: json::boolean(definition, "softFalloff") == Some(true),
     })
+}
+
+/// The frame that a profile is measured in. Blender's zero plane is on −Y and its planes are counted clockwise.
+fn profile_frame(source: Option<&Value>, [x, y, z]: [Vec3; 3]) -> [Vec3; 3] {
+    match source.and_then(|source| json::string(source, "frame")) {
+        Some("blender") => [-y, -x, z],
+        _ => [x, y, z],
+    }
+}
+
+/// The profile that `source` refers to, with `shape` scaled to it. The outer none says that the lamp gives no light
+/// without its profile.
+fn measure(
+    document: &Document,
+    source: &Value,
+    extension: &str,
+    shape: &mut LightShape,
+    node: &PlacedNode,
+    profiles: &mut Profiles,
+    warnings: &mut Vec<Warning>,
+) -> Option<Option<Arc<Profile>>> {
+    let (LightShape::Point { intensity, .. } | LightShape::Spot { intensity, .. }) = shape else {
+        let message = "lamp: only points and spots have IES profiles; it shines without, make it one of them";
+        warnings.push(Warning::new("light_without_profile", node.path.as_str(), message));
+        return Some(None);
+    };
+    let absolute = extension == MEASURED || json::boolean(source, "absolute") == Some(true);
+    let without =
+        if absolute { "the lamp is skipped, for only the profile says how bright it is" } else { "it shines without" };
+    let profile = profiles.get(document, source, &node.path, without, warnings);
+    if absolute {
+        // A profile is in candela whatever the units of the file.
+        *intensity *= profile.as_ref()?.peak() / LUMENS_PER_WATT;
+    }
+    Some(profile)
 }
 
 /// Reads numbers of one light, noting those that had to be replaced.
 struct Reader<'a> {
     definition: &'a Value,
+    /// What the node adds to it.
+    instance: &'a Value,
     /// From the file's units to radiometric ones.
     factor: f32,
     faults: Vec<String>,
@@ -204,6 +268,13 @@ fn area(reader: &mut Reader) -> Option<LightShape> {
         "disk" => LightShape::Disk { radiance, size: [width, height], spread: PI },
         _ => return None,
     })
+}
+
+/// EXT_lights_ies: the definition is the profile, and the node says how much of it. Its `multiplier` has no unit.
+fn measured(reader: &mut Reader) -> Option<LightShape> {
+    let multiplier = json::number(reader.instance, "multiplier").unwrap_or(1.0);
+    let color = json::numbers(reader.instance, "color").map_or(Rgb::ONE, Rgb::from_array);
+    Some(LightShape::Point { intensity: reader.sound(color * multiplier, "multiplier or color"), radius: 0.0 })
 }
 
 /// Sizes in the world: widths with the node's scale along X and Y, or `even`ly, and radii with its largest scale.

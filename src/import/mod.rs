@@ -4,6 +4,7 @@
 //! light and instancing extensions through the raw JSON. Strengths leave in W/(m²·sr), W/sr and W/m².
 
 mod accessors;
+mod audit;
 mod buffers;
 mod checked;
 mod checks;
@@ -14,7 +15,9 @@ mod draco;
 mod environment;
 mod error;
 mod extensions;
+mod files;
 mod geometry;
+mod ies;
 mod instances;
 mod json;
 mod ktx2;
@@ -23,8 +26,10 @@ mod materials;
 mod meshes;
 mod meshopt;
 mod nodes;
+mod profiles;
 mod roots;
 mod skins;
+mod sky;
 mod source;
 mod textures;
 mod topology;
@@ -69,13 +74,14 @@ pub struct Imported {
 pub fn load(path: &Path, settings: &ImportSettings, progress: &dyn Progress) -> Result<Imported, ImportError> {
     progress.report(Stage::Import, 0.0);
     let mut warnings = Vec::new();
-    let source = source::open(path)?;
+    let source = source::open(path, &mut warnings)?;
+    audit::check(&source.document, &mut warnings);
     let units = settings.light_units.unwrap_or(match source.document.root_extension(EXTENSION) {
         Some(_) => LightUnits::Radiometric,
         None => LightUnits::Photometric,
     });
     let roots = roots::choose(&source.gltf, settings.scene.as_deref(), &mut warnings)?;
-    let nodes = nodes::walk(&source, &roots, &mut warnings)?;
+    let nodes = nodes::walk(&source, &roots, &mut warnings);
     let shown = ShownMeshes::collect(&source, &nodes, &mut warnings)?;
 
     let mut slots = TextureSlots::default();

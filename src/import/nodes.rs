@@ -2,7 +2,7 @@
 //! LIGHTKILN_scene settings, parents before children.
 
 use super::source::Source;
-use super::{EXTENSION, ImportError, json};
+use super::{EXTENSION, json};
 use crate::document::Document;
 use crate::scene::LightmapRequest;
 use crate::warning::Warning;
@@ -32,11 +32,7 @@ pub(super) struct NodeSettings {
 }
 
 /// Nodes under `roots`. Nodes with non-finite transforms are left out with all below them, with a warning.
-pub(super) fn walk(
-    source: &Source,
-    roots: &[usize],
-    warnings: &mut Vec<Warning>,
-) -> Result<Vec<PlacedNode>, ImportError> {
+pub(super) fn walk(source: &Source, roots: &[usize], warnings: &mut Vec<Warning>) -> Vec<PlacedNode> {
     let nodes: Vec<_> = source.gltf.nodes().collect();
     let mut paths = UniquePaths::default();
     let mut visit = vec![Visit::Unseen; nodes.len()];
@@ -59,7 +55,12 @@ pub(super) fn walk(
         let parent = parent.map(|p: usize| &placed[p]);
         match visit[node] {
             Visit::Unseen => {}
-            Visit::Open => return Err(ImportError::Cycle(name)),
+            Visit::Open => {
+                let message =
+                    "the node is its own ancestor; the way back to it is skipped: remove it from the children";
+                warnings.push(Warning::new("cyclic_node", name, message));
+                continue;
+            }
             Visit::Done => {
                 let message = "the node has two parents, which glTF forbids; its second place is skipped: duplicate it";
                 warnings.push(Warning::new("shared_node", name, message));
@@ -90,7 +91,7 @@ pub(super) fn walk(
         let children: Vec<_> = nodes[node].children().map(|child| child.index()).collect();
         stack.extend(children.into_iter().rev().map(|node| Step::Enter { node, parent }));
     }
-    Ok(placed)
+    placed
 }
 
 fn is_hidden(document: &Document, node: usize) -> bool {

@@ -1,8 +1,7 @@
 //! Textures that materials use: sampler and transform per use, and each image decoded once.
 
 use super::source::Source;
-use super::uri::{Resource, resolve};
-use super::{ImportError, json, ktx2};
+use super::{ImportError, files, json, ktx2};
 use crate::document::Document;
 use crate::progress::Counter;
 use crate::scene::{Filter, Material, Texture, TextureSlot, Wrap};
@@ -11,7 +10,6 @@ use glam::{Affine2, Mat2, Vec2};
 use gltf::texture::{MagFilter, WrappingMode};
 use rayon::prelude::*;
 use serde_json::Value;
-use std::borrow::Cow;
 use std::collections::HashMap;
 
 /// Memory that decoding one image may take: a 16k × 16k RGBA image of 16 bits per channel, which is 2 GiB, passes.
@@ -166,7 +164,7 @@ fn decode(document: &Document, image: usize) -> Result<Texture, Warning> {
         Warning::new(code, name.as_str(), message)
     };
 
-    let bytes = encoded(document, raw, uri).map_err(|fault| warn("missing_texture", fault))?;
+    let bytes = files::bytes(document, raw).map_err(|fault| warn("missing_texture", fault))?;
     let decoded = if ktx2::is_ktx2(&bytes) { ktx2::decode(&bytes, MAX_DECODED_BYTES) } else { decode_picture(&bytes) };
     let (width, height, texels) =
         decoded.map_err(|fault| warn("undecodable_image", format!("it cannot be decoded ({fault})")))?;
@@ -183,25 +181,6 @@ fn decode_picture(bytes: &[u8]) -> Result<(u32, u32, Vec<[u8; 4]>), String> {
     let pixels = reader.decode().map_err(|e| e.to_string())?.into_rgba8();
     let (width, height) = pixels.dimensions();
     Ok((width, height, pixels.as_raw().as_chunks::<4>().0.to_vec()))
-}
-
-/// The bytes of an image file, wherever they are.
-fn encoded<'a>(document: &'a Document, image: &Value, uri: Option<&str>) -> Result<Cow<'a, [u8]>, String> {
-    if let Some(uri) = uri {
-        return match resolve(uri, &document.directory)? {
-            Resource::Inline(bytes) => Ok(bytes.into()),
-            Resource::File(path) => {
-                std::fs::read(&path).map(Cow::from).map_err(|e| format!("`{}` cannot be read ({e})", path.display()))
-            }
-        };
-    }
-    let view = json::index(image, "bufferView").and_then(|view| document.array("bufferViews").get(view));
-    let view = view.ok_or("it has neither a URI nor a buffer view")?;
-    let buffer = json::index(view, "buffer").and_then(|buffer| document.buffers.get(buffer));
-    let start = json::index(view, "byteOffset").unwrap_or(0);
-    let end = json::index(view, "byteLength").and_then(|length| length.checked_add(start));
-    let bytes = buffer.zip(end).and_then(|(buffer, end)| buffer.get(start..end));
-    bytes.map(Cow::from).ok_or_else(|| "its buffer view is out of range".into())
 }
 
 #[cfg(test)]

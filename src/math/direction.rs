@@ -33,6 +33,19 @@ pub fn cosine_hemisphere(normal: Vec3, u: Vec2) -> Vec3 {
     x * d.x + y * d.y + normal * (1.0 - d.length_squared()).max(0.0).sqrt()
 }
 
+/// Octahedral map of unit directions to the unit square.
+///
+/// Based on: Cigolle et al., "A Survey of Efficient Representations for Independent Unit Vectors", JCGT 2014.
+pub fn octahedral(direction: Vec3) -> Vec2 {
+    let d = direction / (direction.x.abs() + direction.y.abs() + direction.z.abs());
+    let p = if d.z >= 0.0 {
+        Vec2::new(d.x, d.y)
+    } else {
+        Vec2::new((1.0 - d.y.abs()) * 1f32.copysign(d.x), (1.0 - d.x.abs()) * 1f32.copysign(d.y))
+    };
+    p * 0.5 + Vec2::splat(0.5)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -1,6 +1,6 @@
 //! Lightmap pages as OpenEXR: RGB scanlines, ZIP-compressed, linear Rec.709, row 0 at v = 0.
 //!
-//! The same page gives the same bytes on every run. This is the only file that names the `exr` crate.
+//! The same page gives the same bytes on every run.
 
 use super::Precision;
 use crate::atlas::PageImage;

@@ -3,7 +3,7 @@
 use crate::document::Document;
 use std::fs;
 
-/// Fingerprint of a document, its buffers and the images that it refers to, as 32 hexadecimal digits. It tells
+/// Fingerprint of a document, its buffers and the files that it refers to, as 32 hexadecimal digits. It tells
 /// versions of a scene apart; it does not withstand forgery.
 pub fn scene_hash(document: &Document) -> String {
     let mut hash = Fnv::default();
@@ -14,6 +14,9 @@ pub fn scene_hash(document: &Document) -> String {
     for image in &document.external_images {
         // A missing image is a fact about the scene as well.
         hash.part(&fs::read(&image.path).unwrap_or_default());
+    }
+    for file in &document.external_files {
+        hash.part(&fs::read(&file.path).unwrap_or_default());
     }
     format!("{:032x}", hash.0)
 }

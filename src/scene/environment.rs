@@ -1,7 +1,8 @@
 //! Radiance that arrives from outside the scene.
 
-use super::Rgb;
+use super::{Rgb, Sky};
 use glam::Vec3;
+use std::sync::Arc;
 
 /// The sky.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -20,12 +21,21 @@ pub enum Environment {
         /// Below the horizon.
         ground: Rgb,
     },
+    /// A picture all around.
+    Image(Arc<Sky>),
 }
 
 impl Environment {
-    /// Radiance that arrives from unit direction `d` (pointing away from the receiver).
+    /// Radiance that arrives from unit direction `d` (pointing away from the receiver). Bright regions of a picture are
+    /// not in it: they are lamps.
     pub fn radiance(&self, d: Vec3) -> Rgb {
+        self.mean_radiance(d, 0.0)
+    }
+
+    /// As [`Environment::radiance`], averaged over directions around `d` for a ray that stands for `solid_angle` sr.
+    pub fn mean_radiance(&self, d: Vec3, solid_angle: f32) -> Rgb {
         match *self {
+            Environment::Image(ref sky) => sky.radiance(d, solid_angle),
             Environment::Black => Rgb::ZERO,
             Environment::Constant(l) => l,
             Environment::Gradient { zenith, horizon, ground } => {

@@ -1,7 +1,13 @@
 //! Lamps, as the LIGHTKILN_scene contract defines them.
 
-use super::Rgb;
+use super::{Profile, Rgb};
 use glam::Vec3;
+use std::f32::consts::PI;
+use std::sync::Arc;
+
+/// Spread below which an area lamp is taken for this wide, radians: its light is a pencil that widens by half a
+/// millimetre in a metre.
+pub const NARROWEST_SPREAD: f64 = 1e-3;
 
 /// A lamp placed in the world. It shines along `-axes[2]` and occludes nothing.
 #[derive(Clone, Debug)]
@@ -20,6 +26,10 @@ pub struct Light {
     pub axes: [Vec3; 3],
     /// Size and strength.
     pub shape: LightShape,
+    /// Measured distribution of a point or spot: its intensity is then that of the strongest direction.
+    pub profile: Option<Arc<Profile>>,
+    /// The sphere of a point or spot is a disk that faces every receiver, as with Blender's soft falloff.
+    pub faces_receivers: bool,
 }
 
 /// Shape and radiometric strength. Sizes are in metres in the world.
@@ -80,6 +90,19 @@ pub enum Falloff {
     Smoothstep,
     /// `x²`, as KHR_lights_punctual recommends.
     Square,
+}
+
+/// Radiance of an area lamp at an angle of cosine `cos_theta` to its axis, relative to the same power without a beam:
+/// what a grid of slats in front of it lets through. `spread` is the beam's full angle, radians.
+pub fn spread_attenuation(cos_theta: f32, spread: f32) -> f32 {
+    if spread >= PI {
+        return 1.0;
+    }
+    // The denominator is of third order in the spread: it needs more digits than f32 has.
+    let half = 0.5 * (spread as f64).max(NARROWEST_SPREAD);
+    let cosine = (cos_theta as f64).clamp(1e-9, 1.0);
+    let tangent = (1.0 - cosine * cosine).sqrt() / cosine;
+    ((half.tan() - tangent) / (half.tan() - half)).max(0.0) as f32
 }
 
 /// Share of a spot's axial intensity that leaves at an angle of cosine `cos_theta` to its axis.

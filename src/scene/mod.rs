@@ -5,13 +5,19 @@ mod environment;
 mod light;
 mod material;
 mod mesh;
+mod panorama;
+mod profile;
 mod shading;
+mod sky;
 mod texture;
 
 pub use environment::Environment;
-pub use light::{Falloff, Light, LightShape, spot_attenuation};
+pub use light::{Falloff, Light, LightShape, NARROWEST_SPREAD, spot_attenuation, spread_attenuation};
 pub use material::{AlphaMode, MAX_REFLECTANCE, Material, TextureSlot};
 pub use mesh::{Instance, LightmapRequest, Mesh, Primitive};
+pub use panorama::{Cell, Panorama};
+pub use profile::{Photometry, Profile};
+pub use sky::{BrightCell, BrightRegion, Sky};
 pub use texture::{Filter, Texture, Wrap};
 
 use glam::{Vec2, Vec3};

@@ -3,12 +3,15 @@
 use crate::accel::{Accel, Hit, Ray, offset_origin};
 use crate::atlas::Atlas;
 use crate::hierarchy::{Hierarchy, Side, Surface, Surfels};
-use crate::math::{Sequence, cosine_hemisphere, hash2};
+use crate::math::{Sequence, cosine_hemisphere, hash2, hash3, unit_float};
 use crate::progress::{Cancelled, Progress};
 use crate::scene::Rgb;
 use rayon::prelude::*;
 use std::f32::consts::PI;
 use std::sync::atomic::{AtomicBool, Ordering};
+
+/// Translucent surfaces in a row from which on a ray stops.
+const MOST_LAYERS: u32 = 16;
 
 /// Views of all elements.
 pub struct Survey {
@@ -32,8 +35,8 @@ pub fn survey(
         .into_par_iter()
         .map(|e| {
             let (mut sky, mut lit) = (Rgb::ZERO, 0);
-            look(accel, surfels, tree, e, rays, |direction, hit| match hit {
-                None => sky += accel.scene().environment.radiance(direction),
+            look(accel, surfels, tree, e, rays, |direction, passed, hit| match hit {
+                None => sky += passed * accel.scene().environment.mean_radiance(direction, 2.0 * PI / rays as f32),
                 Some((hit, side)) => lit += (side == Side::Front || is_two_sided(accel, hit)) as u32,
             });
             if progress.is_cancelled() {
@@ -61,7 +64,7 @@ pub fn hidden_backs(
     let seen: Vec<AtomicBool> = surfaces.iter().map(|_| AtomicBool::new(false)).collect();
     let scene = accel.scene();
     (0..tree.elements.len() as u32).into_par_iter().try_for_each(|e| {
-        look(accel, surfels, tree, e, rays, |_, hit| {
+        look(accel, surfels, tree, e, rays, |_, _, hit| {
             let Some((hit, Side::Back)) = hit else { return };
             let closed = scene.meshes[scene.instances[hit.instance as usize].mesh].closed;
             if closed || !is_two_sided(accel, hit) {
@@ -82,14 +85,14 @@ fn is_two_sided(accel: &Accel, hit: &Hit) -> bool {
     scene.material_of(scene.instances[hit.instance as usize].mesh, hit.triangle as usize).double_sided
 }
 
-/// Calls `visit` for every ray with its direction and what it meets.
+/// Calls `visit` for every ray with its direction, what it has lost or gained in translucent surfaces, and what it meets.
 fn look(
     accel: &Accel,
     surfels: &Surfels,
     tree: &Hierarchy,
     element: u32,
     rays: u32,
-    mut visit: impl FnMut(glam::Vec3, Option<(&Hit, Side)>),
+    mut visit: impl FnMut(glam::Vec3, Rgb, Option<(&Hit, Side)>),
 ) {
     let node = tree.elements[element as usize].node;
     let sequence = Sequence::new(hash2(element, 0x5ee));
@@ -98,10 +101,29 @@ fn look(
         let normal = tree.normal(surfels, surfel, side);
         let direction = cosine_hemisphere(normal, sequence.first(i));
         let origin = offset_origin(surfels.position(surfel), normal);
-        let hit = accel.closest(&Ray { origin, direction, t_min: 0.0, t_max: f32::INFINITY });
+        let ray = Ray { origin, direction, t_min: 0.0, t_max: f32::INFINITY };
+        let (passed, hit) = follow(accel, ray, hash3(element, i, 0x7a1));
         visit(
             direction,
+            passed,
             hit.as_ref().map(|h| (h, if h.normal.dot(direction) <= 0.0 { Side::Front } else { Side::Back })),
         );
     }
+}
+
+/// What a ray meets that translucent surfaces stop by chance: the more of the light passes, the more rays do, and those
+/// that pass carry its colour.
+fn follow(accel: &Accel, mut ray: Ray, seed: u32) -> (Rgb, Option<Hit>) {
+    let mut passed = Rgb::ONE;
+    for layer in 0..MOST_LAYERS {
+        let Some(hit) = accel.closest(&ray) else { return (passed, None) };
+        let Some(through) = accel.transmission_at(&hit) else { return (passed, Some(hit)) };
+        let chance = through.element_sum() / 3.0;
+        if unit_float(hash2(seed, layer)) >= chance || layer + 1 == MOST_LAYERS {
+            return (passed, Some(hit));
+        }
+        passed *= through / chance;
+        ray = accel.behind(&ray, &hit);
+    }
+    (passed, None)
 }

@@ -8,7 +8,7 @@ use glam::Vec3;
 use std::f32::consts::{FRAC_1_PI, PI};
 
 /// Most vertices that a clipped polygon may have; callers pass at most one fewer.
-const MAX_VERTICES: usize = 34;
+pub(super) const MAX_VERTICES: usize = 34;
 
 /// Form factor from a differential area at the origin with unit `normal` to the polygon `vertices` (relative to the
 /// receiver, planar, any winding), clipped at the receiver's horizon. Exact up to rounding (about 1e-6); zero for a
@@ -36,7 +36,7 @@ pub fn polygon(normal: Vec3, vertices: &[Vec3]) -> f32 {
 }
 
 /// Copies the part of the polygon above the horizon to `out`, returns its vertex count.
-fn clip_to_horizon(normal: Vec3, vertices: &[Vec3], out: &mut [Vec3; MAX_VERTICES]) -> usize {
+pub(super) fn clip_to_horizon(normal: Vec3, vertices: &[Vec3], out: &mut [Vec3; MAX_VERTICES]) -> usize {
     debug_assert!(vertices.len() < MAX_VERTICES, "a clip adds one vertex");
     let mut count = 0;
     let Some(&last) = vertices.last() else { return 0 };

@@ -5,6 +5,7 @@ pub mod form_factor;
 mod links;
 mod oracle;
 mod refine;
+pub mod soft_box;
 
 pub use exchange::{Exchange, SELF_INTERSECTION};
 pub use links::{Link, Links};

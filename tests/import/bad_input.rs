@@ -118,8 +118,6 @@ fn buffers_that_are_missing_or_short() {
 fn references_out_of_range_name_their_place() {
     let check = |change: fn(&mut Value), parts: &[&str]| contains(&broken(change).error(), parts);
     check(|j| j["nodes"][0]["mesh"] = 5.into(), &["nodes[0]", "Triangle", "index 5", "there are 1"]);
-    check(|j| j["nodes"][0]["children"] = json!([9]), &["nodes[0]", "children", "index 9"]);
-    check(|j| j["scenes"][0]["nodes"] = json!([3]), &["scenes[0]", "index 3"]);
     check(|j| j["scene"] = 4.into(), &["scene", "index 4"]);
     check(|j| j["meshes"][0]["primitives"][0]["material"] = 8.into(), &["meshes[0].primitives[0].material", "index 8"]);
     check(|j| j["meshes"][0]["primitives"][0]["attributes"]["POSITION"] = 8.into(), &["meshes[0].primitives[0]", "8"]);
@@ -128,6 +126,53 @@ fn references_out_of_range_name_their_place() {
     check(|j| j["materials"][0]["emissiveTexture"] = json!({"index": 2}), &["materials[0]", "index 2"]);
     check(|j| j["accessors"][0]["bufferView"] = 7.into(), &["accessors[0].bufferView", "7"]);
     check(|j| j["bufferViews"][0]["buffer"] = 7.into(), &["bufferViews[0].buffer", "7"]);
+}
+
+#[test]
+fn missing_nodes_are_skipped() {
+    let check = |change: fn(&mut Value), parts: &[&str]| {
+        let imported = broken(change).imported();
+        assert_eq!(imported.scene.instances.len(), 1);
+        contains(&warning(&imported, "missing_node"), parts);
+    };
+    check(|j| j["nodes"][0]["children"] = json!([9]), &["Triangle", "children", "node 9", "skipped"]);
+    check(|j| j["scenes"][0]["nodes"] = json!([3, 0]), &["scenes[0]", "node 3", "skipped"]);
+}
+
+#[test]
+fn what_is_left_out_is_named() {
+    let check = |change: fn(&mut Value), code: &str, parts: &[&str]| {
+        contains(&warning(&broken(change).imported(), code), parts);
+    };
+    check(
+        |j| {
+            j["materials"][0]["extensions"] =
+                json!({"KHR_materials_sheen": {"sheenColorTexture": {"index": 0}}, "KHR_materials_ior": {}});
+        },
+        "extension",
+        &["grey", "KHR_materials_sheen", "left out"],
+    );
+    check(
+        |j| j["nodes"][0]["extensions"] = json!({"ACME_glow": {}}),
+        "extension",
+        &["Triangle", "ACME_glow", "not known"],
+    );
+    check(
+        |j| j["extensions"] = json!({"EXT_lights_image_based": {"lights": []}}),
+        "extension",
+        &["EXT_lights_image_based", "environment"],
+    );
+    check(
+        |j| j["extensions"] = json!({"KHR_lights_punctual": {"lights": [{"name": "Bulb", "range": 3}]}}),
+        "light_range",
+        &["Bulb", "left out"],
+    );
+    check(|j| j["animations"] = json!([{"name": "Walk"}]), "animation", &["Walk", "pose"]);
+    let twice = broken(|j| {
+        j["meshes"][0]["extensions"] = json!({"ACME_glow": {}});
+        j["nodes"][0]["extensions"] = json!({"ACME_glow": {}});
+    });
+    contains(&warning(&twice.imported(), "extension"), &["1 other places"]);
 }
 
 #[test]
@@ -166,7 +211,9 @@ fn cycles_and_shared_children() {
     let mut asset = Asset::triangle();
     asset.json["nodes"][0]["children"] = json!([1]);
     asset.push("nodes", json!({"name": "Loop", "children": [0]}));
-    contains(&asset.error(), &["Triangle", "its own ancestor"]);
+    let imported = asset.imported();
+    assert_eq!(imported.scene.instances.len(), 1);
+    contains(&warning(&imported, "cyclic_node"), &["Triangle", "its own ancestor", "remove"]);
 
     let mut asset = Asset::triangle();
     asset.node(json!({"name": "Second", "children": [0]}));

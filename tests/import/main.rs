@@ -5,6 +5,8 @@ mod compressed;
 mod containers;
 mod fixture;
 mod geometry;
+mod ies;
 mod lights;
 mod materials;
+mod sky;
 mod structure;

@@ -211,3 +211,30 @@ fn a_primitive_without_material_is_white() {
     assert_eq!(imported.scene.materials[0].source, None);
     near(reflectance(&imported, 0.0), Vec3::splat(MAX_REFLECTANCE));
 }
+
+#[test]
+fn textures_of_every_size() {
+    for width in [1, 16384] {
+        let texels: Vec<[u8; 4]> = (0..width).map(|i| [(i % 256) as u8, 99, 99, 255]).collect();
+        let mut asset = with(json!({"pbrMetallicRoughness": {"metallicFactor": 0}}));
+        let index = texture(&mut asset, &texels, json!({"magFilter": 9728}));
+        asset.json["materials"][0]["pbrMetallicRoughness"]["baseColorTexture"] = json!({"index": index});
+        let imported = asset.imported();
+        assert_clean(&imported);
+        assert_eq!(imported.scene.textures[0].width, width);
+        let last = imported.scene.textures[0].texel(width - 1, 0).x.min(MAX_REFLECTANCE);
+        near(reflectance(&imported, 1.0 - 0.5 / width as f32), Vec3::new(last, 0.124772, 0.124772));
+    }
+}
+
+#[test]
+fn textures_that_cannot_be_placed_or_are_capped_are_named() {
+    let mut asset = with(json!({"name": "m", "pbrMetallicRoughness": {"metallicFactor": 0}}));
+    let index = texture(&mut asset, &[[255; 4]], json!({}));
+    asset.json["materials"][0]["pbrMetallicRoughness"]["baseColorTexture"] = json!({"index": index});
+    let capped = warning(&asset.imported(), "reflectance_capped");
+    assert!(capped.contains("100 %") && capped.contains("darken"), "{capped}");
+    asset.json["materials"][0]["pbrMetallicRoughness"]["baseColorTexture"]["texCoord"] = 3.into();
+    let missing = warning(&asset.imported(), "no_texcoords");
+    assert!(missing.contains("TEXCOORD_3") && missing.contains("unwrap"), "{missing}");
+}

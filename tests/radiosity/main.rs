@@ -1,6 +1,9 @@
 //! Known truths of radiosity, held by the whole chain from geometry to texels.
 
+mod lamps;
+mod leaves;
 mod rooms;
+mod sky;
 
 use glam::Vec3;
 use lightkiln::accel::Accel;
@@ -140,6 +143,8 @@ fn a_thin_wall_lets_nothing_through() {
         position: Vec3::new(0.5, 0.8, 0.5),
         axes: [Vec3::X, Vec3::NEG_Z, Vec3::Y],
         shape: LightShape::Point { intensity: Rgb::ONE, radius: 0.02 },
+        profile: None,
+        faces_receivers: false,
     });
     let b = baked(&scene, 20.0, 0.02);
     // A texel that the wall crosses holds the mean of both its sides: one texel is left out.

@@ -63,6 +63,26 @@ impl Asset {
         self.push("bufferViews", view)
     }
 
+    /// Makes the URI at a JSON pointer refer to a buffer view: `uri` of an object, or a string that stands for one.
+    pub(super) fn refer_to_view(&mut self, pointer: &str, view: usize) {
+        let mut root = Value::Object(std::mem::take(&mut self.json));
+        let parent = pointer.strip_suffix("/uri");
+        if let Some(target) = root.pointer_mut(parent.unwrap_or(pointer)) {
+            if let (Some(_), Some(object)) = (parent, target.as_object_mut()) {
+                object.shift_remove("uri");
+                object.insert("bufferView".into(), view.into());
+                if pointer.contains("EXT_lights_ies") {
+                    object.insert("mimeType".into(), "application/x-ies-lm-63".into());
+                }
+            } else {
+                *target = json!({ "bufferView": view, "name": target });
+            }
+        }
+        if let Value::Object(json) = root {
+            self.json = json;
+        }
+    }
+
     /// Appends to the buffer, aligned for every component type, and returns where.
     fn append(&mut self, bytes: &[u8]) -> usize {
         self.bin.resize(self.bin.len().next_multiple_of(8), 0);

@@ -64,6 +64,7 @@ pub fn lit_glb(
 ) -> Result<Vec<u8>, GlbError> {
     let mut asset = Asset::copy(document)?;
     embed_images(&mut asset, document);
+    embed_files(&mut asset, document);
     let mut materials = Materials::new(&mut asset, pages, links)?;
     let mut meshes = Meshes::new(document, atlas);
     let mut free_slots = FreeSlots::new(document, scene, atlas);
@@ -172,6 +173,15 @@ fn embed_images(asset: &mut Asset, document: &Document) {
         image.shift_remove("uri");
         image.insert("bufferView".into(), view.into());
         image.insert("mimeType".into(), mime_type(&bytes).into());
+    }
+}
+
+/// Copies the files that extensions refer to into the buffer, so that the lit copy lights the same wherever it lies.
+fn embed_files(asset: &mut Asset, document: &Document) {
+    for external in &document.external_files {
+        let Ok(bytes) = fs::read(&external.path) else { continue };
+        let view = asset.push_view(&bytes, None, None);
+        asset.refer_to_view(&external.pointer, view);
     }
 }
 
