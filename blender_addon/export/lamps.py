@@ -29,7 +29,7 @@ def read_lamp(name: str, light: bpy.types.Light, matrix: Matrix) -> tuple[Json, 
     elif light.type == "AREA":
         _area(lamp, light, power, matrix)
     else:
-        _point_or_spot(lamp, name, light, power, notes)
+        _point_or_spot(lamp, light, power)
     if not light.use_shadow:
         lamp["castsShadows"] = False
     location, rotation, _ = matrix.decompose()
@@ -89,7 +89,7 @@ def _area(lamp: Json, light: bpy.types.Light, power: Vector, matrix: Matrix) -> 
     lamp["spread"] = light.spread
 
 
-def _point_or_spot(lamp: Json, name: str, light: bpy.types.Light, power: Vector, notes: list[Note]) -> None:
+def _point_or_spot(lamp: Json, light: bpy.types.Light, power: Vector) -> None:
     radius = light.shadow_soft_size
     intensity = power / (4 * math.pi)
     if not getattr(light, "normalize", True):
@@ -98,5 +98,4 @@ def _point_or_spot(lamp: Json, name: str, light: bpy.types.Light, power: Vector,
     if light.type == "SPOT":
         lamp |= {"outerConeAngle": light.spot_size / 2, "blend": light.spot_blend}
     if radius > 0 and getattr(light, "use_soft_falloff", False):
-        message = f"its soft falloff is baked as a sphere: within {10 * radius:.2g} m it is more than 1 % brighter"
-        notes.append(Note(name, message + "; switch Soft Falloff off to bake it exactly", "APPROXIMATED"))
+        lamp["softFalloff"] = True

@@ -87,6 +87,10 @@ def emitter() -> None:
     ob.lightkiln.exclude = True
 
 
+LAMPS["soft falloff"] = (
+    P / (4 * PI * (H * H + 0.25)),
+    lambda: lamp("POINT", energy=P, shadow_soft_size=0.5, use_soft_falloff=True),
+)
 LAMPS["scaled area"] = (rectangle(P / PI, 2, 0.5), scaled_area)
 LAMPS["emission"] = (rectangle(10, 1, 1), emitter)
 
@@ -196,6 +200,7 @@ def cycles_irradiance(ob: bpy.types.Object) -> Any:
 
 
 COMPARED = {name: LAMPS[name][1] for name in ("sphere", "spot off its axis", "ellipse", "world", "emission")}
+COMPARED["soft falloff"] = lambda: lamp("POINT", energy=P, shadow_soft_size=0.5, use_soft_falloff=True)
 COMPARED["beam"] = lambda: lamp("AREA", energy=P, shape="DISK", size=1, spread=math.radians(120))
 
 
