@@ -15,7 +15,7 @@ from ..errors import Note
 from ..places import Page, Receiver
 from .axes import CHANGE, placement
 from .glb import EXTENSION, Glb, Json
-from .lamps import read_lamp
+from .lamps import profile_text, read_lamp
 from .materials import BakedColors, Materials
 from .snapshot import Instance, MeshData, Snapshot
 from .world import environment
@@ -51,6 +51,10 @@ class Writer:
         for name, light, matrix in self._snapshot.lamps:
             lamp, node, notes = read_lamp(name, light, matrix)
             node["extras"] = {"lightkiln": {"object": name}}
+            profile = profile_text(light)
+            if profile is not None:
+                view = self._glb.add_view(profile.encode("latin-1", "replace"))
+                lamp["ies"] = {"bufferView": view, "absolute": True, "frame": "blender"}
             self._glb.add_lamp(lamp, node)
             self.notes += notes
         sky = environment(world, folder)

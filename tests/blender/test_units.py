@@ -201,6 +201,38 @@ def cycles_irradiance(ob: bpy.types.Object) -> Any:
 
 COMPARED = {name: LAMPS[name][1] for name in ("sphere", "spot off its axis", "ellipse", "world", "emission")}
 COMPARED["soft falloff"] = lambda: lamp("POINT", energy=P, shadow_soft_size=0.5, use_soft_falloff=True)
+
+
+PROFILE = """IESNA:LM-63-1995
+TILT=NONE
+1 -1 1 4 5 1 2 0 0 0
+1 1 1
+0 30 60 90
+0 90 180 270 360
+100 200 50 10
+100 150 40 5
+100 80 20 0
+100 120 90 0
+100 200 50 10
+"""
+
+
+def profiled() -> None:
+    """A tilted point lamp with a profile that no rotation leaves as it is."""
+    ob = lamp("POINT", (0.5, 0.3, H), (0.3, 0.2, 0.9), energy=20, shadow_soft_size=0)
+    light = ob.data
+    light.use_nodes = True
+    tree = light.node_tree
+    emission = next(n for n in tree.nodes if n.bl_idname == "ShaderNodeEmission")
+    node = tree.nodes.new("ShaderNodeTexIES")
+    text = bpy.data.texts.new("Profile")
+    text.write(PROFILE)
+    node.mode, node.ies = "INTERNAL", text
+    node.inputs["Strength"].default_value = 1.5
+    tree.links.new(node.outputs[0], emission.inputs["Strength"])
+
+
+COMPARED["profile"] = profiled
 COMPARED["beam"] = lambda: lamp("AREA", energy=P, shape="DISK", size=1, spread=math.radians(120))
 
 
