@@ -37,7 +37,9 @@ def make(scene: bpy.types.Scene, view_layer: bpy.types.ViewLayer, originals: lis
             continue
         key = (place.object.data.as_pointer(), place.object.original.session_uid, place.object.type)
         if key not in meshes:
-            source = place.object
+            # A curve shows itself as an instance of a mesh that is there for a moment only, which 4.2 cannot convert.
+            curve = place.object.original.type != "MESH"
+            source = place.object.original.evaluated_get(graph) if curve else place.object
             meshes[key] = bpy.data.meshes.new_from_object(source, preserve_all_data_layers=True, depsgraph=graph)
         if meshes[key].polygons:
             made.append((place.object.original.name, meshes[key], place.matrix_world.copy(), owner))

@@ -239,6 +239,8 @@ COMPARED["beam"] = lambda: lamp("AREA", energy=P, shape="DISK", size=1, spread=m
 @pytest.mark.parametrize("name", COMPARED)
 def test_strength_is_that_of_cycles(name: str) -> None:
     receiver = quad("Receiver")
+    if name == "profile" and bpy.app.version < (5, 0, 0):
+        pytest.skip("Cycles interpolates profiles in another way before 5.0")
     COMPARED[name]()
     bake()
     ours = irradiance(receiver)
