@@ -98,6 +98,16 @@ def prepare_browser() -> None:
     call("apt-get", "install", "--yes", "--quiet", "--no-install-recommends", "chromium")
 
 
+def blender_tests() -> None:
+    """The add-on's tests in bpy, or word that this machine cannot have it."""
+    command = [sys.executable, str(ROOT / "tests" / "blender" / "run.py")]
+    print("$", *command, flush=True)
+    code = subprocess.run(command, cwd=ROOT, check=False).returncode
+    # 77 says that bpy cannot be installed here, which the script has explained.
+    if code not in {0, 77}:
+        raise Failed(f"the add-on's tests ended with exit code {code}")
+
+
 # In this order: what is quick to fail comes first, and the tests use what the build has compiled.
 SECTIONS: list[tuple[str, Callable[[], None]]] = [
     ("Prepare the build", prepare_build),
@@ -111,6 +121,7 @@ SECTIONS: list[tuple[str, Callable[[], None]]] = [
     ("Build", lambda: call("cargo", "build", "--release", "--locked")),
     ("Rust tests", lambda: call("cargo", "test", "--release", "--locked")),
     ("Python tests", lambda: call(VENV_PYTHON, "-m", "pytest")),
+    ("Blender tests", blender_tests),
     ("Rust lints", lambda: call("cargo", "clippy", "--release", "--locked", "--all-targets", "--", "-D", "warnings")),
 ]
 
