@@ -21,6 +21,8 @@ const SURVEY_RAYS: u32 = 64;
 /// Shadow rays per lamp of an element that has no texels of its own.
 const ELEMENT_RAYS: u32 = 16;
 
+/// Share of the scene's mean irradiance below which errors of a texel count as if it were that bright.
+const FLOOR: f32 = 0.25;
 /// Most rays that one probe casts for an error of 2 %.
 const MOST_RAYS: f32 = 1800.0;
 
@@ -93,7 +95,7 @@ pub fn light(
 
     let indirect = clock.measure(Stage::Gather, || {
         let source = Source::new(lit, &bounce.irradiance, Some(&bounce.guide));
-        let floor = 0.1 * mean(texels, &direct.irradiance, &tree, &bounce.irradiance);
+        let floor = FLOOR * mean(texels, &direct.irradiance, &tree, &bounce.irradiance);
         gather::indirect(&source, atlas, texels, &footprint, &cell_settings(error, floor), progress)
     })?;
     counts.solver.probes = indirect.probes as u64;
@@ -107,7 +109,7 @@ pub fn light(
 fn cell_settings(error: f32, floor: f32) -> CellSettings {
     // Enough to halve the error by four times the rays, but no endless run.
     let extra = (MOST_RAYS * (0.02 / error).powi(2)).min(1e6) as u32;
-    let probe = ProbeSettings { extra, tolerance: 0.5 * error, floor };
+    let probe = ProbeSettings { extra, tolerance: error, floor };
     CellSettings { tolerance: 0.5 * error, floor, probe }
 }
 

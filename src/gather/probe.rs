@@ -21,6 +21,8 @@ const STRATA: usize = SIDE * SIDE;
 const MOST: f32 = 4096.0;
 /// Rays of a stratum in which neighbours saw something bright.
 const LOOKS: u32 = 8;
+/// Times that rays are shared out.
+const ROUNDS: u32 = 2;
 
 /// How many rays a probe casts.
 #[derive(Clone, Copy, Debug)]
@@ -69,14 +71,20 @@ impl Probe {
                 }
             }
         }
-        let spread = spread(&strata.map(|s| s.mean()), &strata.map(|s| s.variance()));
+        let mut spread = spread(&strata.map(|s| s.mean()), &strata.map(|s| s.variance()));
         let mean = strata.iter().map(Stratum::mean).sum::<f32>() / STRATA as f32;
-        let counts = allot(&spread, settings.tolerance * (mean + settings.floor / PI), settings.extra);
-        let mut variance = 0.0;
-        for (s, stratum) in strata.iter_mut().enumerate() {
-            rays += view.look_closer(s, stratum, counts[s]);
-            variance += spread[s] * spread[s] / stratum.count as f32;
+        let tolerance = settings.tolerance * (mean + settings.floor / PI);
+        for _ in 0..ROUNDS {
+            let counts = allot(&spread, tolerance, settings.extra);
+            for (s, stratum) in strata.iter_mut().enumerate() {
+                rays += view.look_closer(s, stratum, counts[s]);
+                // So many rays may speak for themselves: whether one of them met something hardly matters.
+                if stratum.count >= LOOKS {
+                    spread[s] = stratum.variance().sqrt();
+                }
+            }
         }
+        let variance: f32 = spread.iter().zip(&strata).map(|(&spread, s)| spread * spread / s.count as f32).sum();
         Self {
             irradiance: strata.iter().map(|s| s.sum / s.count as f32).sum::<Rgb>() * (PI / STRATA as f32),
             distance: STRATA as f32 / inverse.max(1e-12),

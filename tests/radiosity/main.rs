@@ -71,7 +71,7 @@ fn furnace_of_a_corner_room_is_uniform() {
 fn sphere_has_uniform_irradiance_whatever_its_walls() {
     // H = mean(E)/(1 − mean ρ) for any E(x) and ρ(x).
     let face = |d: Vec3| if d.y > 0.0 { grey(1.0, 0.8) } else { grey(0.2, 0.3) };
-    let b = baked(&sphere(16, face), 10.0, 0.01);
+    let b = baked(&sphere(24, face), 10.0, 0.01);
     let all = b.where_at(|_, _| true);
     let want = PI * 0.6 / (1.0 - 0.55);
     assert!((mean(&all) / want - 1.0).abs() < 0.01, "mean {} not {want}", mean(&all));
