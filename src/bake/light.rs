@@ -51,7 +51,7 @@ pub fn light(
     let (emission, mut lamps) = gather::classify(scene);
     lamps.extend(scene.lights.iter().map(Lamp::new));
     lamps.extend(Lamp::of_environment(&scene.environment));
-    let lamps = Lamps { lamps, accel: &accel };
+    let lamps = Lamps::new(lamps, &accel);
     let direct_settings = DirectSettings::for_error(error);
     let direct = clock.measure(Stage::Direct, || {
         gather::texel_direct(&lamps, atlas, texels, &footprint, &direct_settings, progress)

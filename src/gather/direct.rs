@@ -5,13 +5,12 @@
 
 use super::footprint::Footprint;
 use super::lamp::Lamp;
-use crate::accel::{Accel, Ray, offset_origin};
+use super::visibility::{Lamps, Seen, Visibility};
 use crate::atlas::{Atlas, NO_TEXEL, SurfacePoint, Texels};
 use crate::hierarchy::{Element, Side, Surfels};
 use crate::math::{Sequence, hash2, hash3};
 use crate::progress::{Cancelled, Counter, Progress, Stage};
 use crate::scene::Rgb;
-use crate::transport::SELF_INTERSECTION;
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -51,114 +50,6 @@ impl DirectSettings {
         let rays = (0.5 * free / (3.0 * self.error * mean.max(1e-12))).powf(4.0 / 3.0);
         (rays.min(self.most as f32) as u32).next_power_of_two().clamp(self.edge, self.most)
     }
-}
-
-/// All lamps with what they need to be tested.
-pub struct Lamps<'a> {
-    /// The lamps.
-    pub lamps: Vec<Lamp>,
-    /// Ray queries.
-    pub accel: &'a Accel<'a>,
-}
-
-/// What a texel sees of a lamp.
-#[derive(Clone, Copy, PartialEq, Eq)]
-enum Seen {
-    /// The lamp cannot light the texel.
-    Never,
-    Blocked,
-    Open,
-    Part,
-}
-
-/// Sums over the samples of one receiver: what arrives, and what would arrive.
-#[derive(Clone, Copy, Default)]
-struct Visibility {
-    open: Rgb,
-    all: Rgb,
-}
-
-impl Visibility {
-    fn seen(&self) -> Seen {
-        if self.all.max_element() <= 0.0 {
-            Seen::Never
-        } else if self.open == self.all {
-            Seen::Open
-        } else if self.open == Rgb::ZERO {
-            Seen::Blocked
-        } else {
-            Seen::Part
-        }
-    }
-
-    /// Unblocked share per channel.
-    fn share(&self) -> Rgb {
-        Rgb::from_array(std::array::from_fn(|c| if self.all[c] > 0.0 { self.open[c] / self.all[c] } else { 0.0 }))
-    }
-}
-
-impl Lamps<'_> {
-    /// Casts one ray per sample `indices` of `lamp` from points of one receiver.
-    fn test(
-        &self,
-        lamp: usize,
-        seed: u32,
-        indices: std::ops::Range<u32>,
-        point: impl Fn(glam::Vec2) -> SurfacePoint,
-        sum: &mut Visibility,
-    ) -> u64 {
-        let lamp_ref = &self.lamps[lamp];
-        let sequence = Sequence::new(hash2(seed, lamp as u32));
-        let mut rays = 0;
-        for i in indices {
-            let p = point(sequence.second(i));
-            let Some(sample) = lamp_ref.sample(p.position, p.shading_normal, sequence.first(i)) else { continue };
-            sum.all += sample.weight;
-            if sample.direction.dot(p.geometric_normal) <= 0.0 {
-                continue;
-            }
-            rays += 1;
-            let ray = shadow_ray(&p, sample.direction, sample.distance);
-            sum.open +=
-                if lamp_ref.casts_shadows { sample.weight * self.accel.visibility(&ray) } else { sample.weight };
-        }
-        rays
-    }
-
-    /// Irradiance at a point, with one ray per lamp, W/m².
-    pub fn at(&self, point: &SurfacePoint, seed: u32) -> Rgb {
-        self.mean(std::slice::from_ref(point), seed, 1)
-    }
-
-    /// Irradiance from all lamps averaged over points, with `rays` rays per lamp.
-    fn mean(&self, points: &[SurfacePoint], seed: u32, rays: u32) -> Rgb {
-        let mut total = Rgb::ZERO;
-        for lamp in 0..self.lamps.len() {
-            let free: Rgb =
-                points.iter().map(|p| self.lamps[lamp].unoccluded(p.position, p.shading_normal)).sum::<Rgb>()
-                    / points.len() as f32;
-            if free.max_element() <= 0.0 {
-                continue;
-            }
-            let mut sum = Visibility::default();
-            let pick = |u: glam::Vec2| points[((u.x * points.len() as f32) as usize).min(points.len() - 1)];
-            self.test(lamp, seed, 0..rays, pick, &mut sum);
-            total += free * sum.share();
-        }
-        total
-    }
-}
-
-/// The segment from just above a surface point to what lies at `distance` along `direction` from the point itself: aimed
-/// anew, so that at grazing angles the lifted ray does not pierce the lamp's own surface early.
-fn shadow_ray(p: &SurfacePoint, direction: glam::Vec3, distance: f32) -> Ray {
-    let origin = offset_origin(p.position, p.geometric_normal);
-    if distance.is_infinite() {
-        return Ray { origin, direction, t_min: 0.0, t_max: f32::INFINITY };
-    }
-    let v = p.position + direction * distance - origin;
-    let length = v.length();
-    Ray { origin, direction: v / length.max(f32::MIN_POSITIVE), t_min: 0.0, t_max: length * (1.0 - SELF_INTERSECTION) }
 }
 
 /// Light straight from lamps at every texel.

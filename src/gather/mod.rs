@@ -2,6 +2,7 @@
 
 mod bounce;
 mod cells;
+mod choice;
 mod direct;
 mod emitters;
 mod footprint;
@@ -11,16 +12,18 @@ mod obstacles;
 mod probe;
 mod region;
 mod source;
+mod visibility;
 
 pub use bounce::{Bounce, bounce};
 pub use cells::{CellSettings, indirect};
-pub use direct::{Direct, DirectSettings, Lamps, element_direct, texel_direct};
+pub use direct::{Direct, DirectSettings, element_direct, texel_direct};
 pub use emitters::{Emission, classify};
 pub use footprint::Footprint;
 pub use guide::Guide;
 pub use lamp::Lamp;
 pub use probe::{Probe, ProbeSettings};
 pub use source::{LitScene, Source, shut_texels};
+pub use visibility::Lamps;
 
 use crate::scene::Rgb;
 

@@ -1,9 +1,10 @@
 //! What a gather ray sees: the radiance of the coarse solution, refined by each texel's own direct light.
 
-use super::direct::{Direct, Lamps};
+use super::direct::Direct;
 use super::emitters::Emission;
 use super::footprint::Footprint;
 use super::guide::{Bright, Guide};
+use super::visibility::Lamps;
 use crate::accel::{Accel, Hit, Ray, offset_origin};
 use crate::atlas::{Atlas, SurfacePoint};
 use crate::hierarchy::{Hierarchy, Side, Surfels};
