@@ -22,7 +22,7 @@ const CURVATURE: f32 = 0.06;
 /// Share of the difference between corners that may be curvature.
 const BEND: f32 = 0.08;
 /// A cell whose corners were foretold exactly still is this share as bad as its surroundings suggest.
-const TRUST: f32 = 0.15;
+const TRUST: f32 = 0.3;
 /// Cosine of the largest angle between a texel's normal and the one interpolated for it.
 const COS_NORMAL: f32 = 0.99;
 

@@ -22,6 +22,11 @@ const NEAR: f32 = 6.0;
 const MEAN_SAMPLES: usize = 4096;
 /// Texels to each side whose view of a lamp tells whether a texel's own needs a closer look.
 const AROUND: i64 = 2;
+/// Errors of the lightmap that a penumbra's noise may reach, where visibility is least certain.
+const PENUMBRA: f32 = 2.0;
+/// Times the irradiance of a texel, and share of the scene's mean, that its penumbrae are measured by.
+const BESIDE: f32 = 2.0;
+const DIM: f32 = 0.1;
 /// Points of a texel that is near a lamp.
 const NEAR_SAMPLES: u32 = 32;
 
@@ -44,10 +49,10 @@ impl DirectSettings {
         Self { base: 4, edge: 16, most: 1024, error }
     }
 
-    /// Rays of a texel that sees part of a lamp which unblocked would bring `free`, where the mean is `mean` W/m².
+    /// Rays of a texel that sees part of a lamp which unblocked would bring `free`, where about `around` W/m² arrive.
     /// The error of stratified visibility falls as n^(−3/4).
-    fn penumbra(&self, free: f32, mean: f32) -> u32 {
-        let rays = (0.5 * free / (3.0 * self.error * mean.max(1e-12))).powf(4.0 / 3.0);
+    fn penumbra(&self, free: f32, around: f32) -> u32 {
+        let rays = (0.5 * free / (PENUMBRA * self.error * around.max(1e-12))).powf(4.0 / 3.0);
         (rays.min(self.most as f32) as u32).next_power_of_two().clamp(self.edge, self.most)
     }
 }
@@ -103,7 +108,10 @@ pub fn texel_direct(
                     let point = |u| footprint.point(texel, u);
                     cast += lamps.test(lamp, texel, settings.base..settings.edge, point, &mut sum);
                     if sum.seen() == Seen::Part {
-                        let most = settings.penumbra(free.max_element(), mean);
+                        // What is dim beside the scene must be clean beside what lights it.
+                        let so_far = (*e + free * sum.share()).max_element();
+                        let around = (BESIDE * so_far).clamp(DIM * mean, mean);
+                        let most = settings.penumbra(free.max_element(), around);
                         cast += lamps.test(lamp, texel, settings.edge..most, point, &mut sum);
                     }
                 }
