@@ -21,6 +21,9 @@ const STRATA: usize = SIDE * SIDE;
 const MOST: f32 = 4096.0;
 /// Rays of a stratum in which neighbours saw something bright.
 const LOOKS: u32 = 8;
+/// Places of a stratum, in units of strata, at which the guide is asked.
+const INSIDE: [Vec2; 5] =
+    [Vec2::new(0.5, 0.5), Vec2::new(0.1, 0.1), Vec2::new(0.9, 0.1), Vec2::new(0.1, 0.9), Vec2::new(0.9, 0.9)];
 /// Times that rays are shared out.
 const ROUNDS: u32 = 2;
 
@@ -65,8 +68,10 @@ impl Probe {
         if let Some(bright) = source.bright(texel) {
             let normal = footprint.centre(texel).shading_normal;
             for (s, stratum) in strata.iter_mut().enumerate() {
-                let middle = (corner(s) + Vec2::splat(0.5)) / SIDE as f32;
-                if bright.contains(cosine_hemisphere(normal, middle)) {
+                // A stratum is wider than the directions that the guide tells apart.
+                let is_bright =
+                    |inside: &Vec2| bright.contains(cosine_hemisphere(normal, (corner(s) + *inside) / SIDE as f32));
+                if INSIDE.iter().any(is_bright) {
                     rays += view.look_closer(s, stratum, LOOKS);
                 }
             }
