@@ -13,24 +13,11 @@ pub struct Document {
     pub buffers: Vec<Vec<u8>>,
     /// Folder that relative URIs start from.
     pub directory: PathBuf,
-    /// Images that live in files of their own.
-    pub external_images: Vec<ExternalImage>,
-    /// Other files that extensions refer to: photometric profiles and the environment's image.
+    /// Files that it refers to: images, then what extensions name.
     pub external_files: Vec<ExternalFile>,
 }
 
-/// An image of a document that is neither in a buffer nor in a data URI.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct ExternalImage {
-    /// Index into the document's `images`.
-    pub image: usize,
-    /// URI as the document spells it.
-    pub uri: String,
-    /// File that the URI names. It need not exist.
-    pub path: PathBuf,
-}
-
-/// A file that an extension refers to by URI.
+/// A file that a document refers to by URI.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ExternalFile {
     /// JSON pointer to the URI.

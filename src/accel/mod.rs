@@ -22,7 +22,6 @@ mod structure;
 mod translucent;
 mod traverse;
 
-pub use alpha::base_color_at;
 pub use offset::offset_origin;
 
 use crate::scene::{Rgb, Scene};

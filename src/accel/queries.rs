@@ -1,6 +1,5 @@
 //! What is asked of a ray: the nearest hit, any hit, or the light that passes.
 
-use super::alpha::{covers, straight_through};
 use super::bvh8::{Placed, Tri4};
 use super::traverse::{BlockHits, Query};
 use super::{Hit, Ray};
@@ -60,7 +59,7 @@ impl Stored<'_> {
     #[inline(never)]
     fn is_covered(&self, scene: &Scene, barycentric: Vec2) -> bool {
         let (instance, triangle) = self.id();
-        covers(scene, scene.instances[instance as usize].mesh, triangle as usize, barycentric)
+        scene.covers_at(scene.instances[instance as usize].mesh, triangle as usize, barycentric)
     }
 }
 
@@ -219,7 +218,7 @@ impl<'a> Query<'a> for Transmittance<'a> {
             let (instance, triangle) = stored.id();
             if !self.repeats_edge(instance, hits.t[lane], barycentric) {
                 let mesh = self.scene.instances[instance as usize].mesh;
-                self.product *= straight_through(self.scene, mesh, triangle as usize, barycentric);
+                self.product *= self.scene.transmittance_at(mesh, triangle as usize, barycentric);
             }
         }
         self.product == Rgb::ZERO

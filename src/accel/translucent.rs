@@ -1,6 +1,5 @@
 //! Surfaces that light goes straight through in part: what of it passes, and how a ray goes on behind them.
 
-use super::alpha::straight_through;
 use super::{Accel, Hit, Ray};
 use crate::scene::{AlphaMode, Rgb, Scene};
 
@@ -13,6 +12,9 @@ pub(super) fn any(scene: &Scene) -> bool {
 }
 
 impl Accel<'_> {
+    /// Translucent surfaces in a row from which on a ray need not be followed.
+    pub const MOST_LAYERS: u32 = 16;
+
     /// Share of light, per channel, that travels the whole segment: 0 or 1 but for translucent surfaces, see
     /// [`Accel::transmittance`].
     pub fn visibility(&self, ray: &Ray) -> Rgb {
@@ -33,7 +35,7 @@ impl Accel<'_> {
         let (mesh, triangle) = (self.scene.instances[hit.instance as usize].mesh, hit.triangle as usize);
         let material = self.scene.material_of(mesh, triangle);
         let passes = material.alpha_mode == AlphaMode::Blend || material.transmission > 0.0;
-        passes.then(|| straight_through(self.scene, mesh, triangle, hit.barycentric))
+        passes.then(|| self.scene.transmittance_at(mesh, triangle, hit.barycentric))
     }
 
     /// What is left of `ray` behind `hit`.

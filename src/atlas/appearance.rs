@@ -74,10 +74,8 @@ fn grid_size(surface: &Surface, triangle: u32) -> usize {
 
 /// Largest extent, in texels of the slot's texture, that one lightmap texel spans along either of its axes.
 fn footprint(surface: &Surface, slot: &TextureSlot, triangle: u32) -> f32 {
-    let Some(set) = surface.mesh.texcoords.get(slot.set).filter(|set| !set.is_empty()) else { return 1.0 };
-    let texture = &surface.scene.textures[slot.texture];
-    let size = Vec2::new(texture.width as f32, texture.height as f32);
-    let [a, b, c] = surface.mesh.triangles[triangle as usize].map(|v| slot.coordinate(set[v as usize]) * size);
+    let mesh = surface.scene.instances[surface.instance].mesh;
+    let Some([a, b, c]) = surface.scene.texture_corners(slot, mesh, triangle as usize) else { return 1.0 };
     let [dx, dy] = surface.barycentric_gradient(triangle);
     [dx, dy].iter().map(|d| ((b - a) * d.x + (c - a) * d.y).abs().max_element()).fold(0.0, f32::max)
 }

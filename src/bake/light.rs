@@ -87,10 +87,7 @@ pub fn light(
         element_direct: &elements.direct,
         shut: &shut,
     };
-    let bounce = clock.measure(Stage::Solve, || {
-        let none = vec![Rgb::ZERO; tree.elements.len() + shut.len()];
-        gather::bounce(&Source::new(lit, &none, None), &lit, &elements.reflectance, guess, progress)
-    })?;
+    let bounce = clock.measure(Stage::Solve, || gather::bounce(lit, &elements.reflectance, guess, progress))?;
     counts.rays.insert("bounce".into(), bounce.rays);
 
     let indirect = clock.measure(Stage::Gather, || {

@@ -16,7 +16,7 @@ use std::ops::Range;
 
 /// Rays per element.
 const RAYS: u32 = 64;
-/// Iterations at most. What leaked into a closed dark room fades as its reflectance to this power.
+/// Iterations. What leaked into a closed dark room fades as its reflectance to this power.
 const ITERATIONS: usize = 32;
 /// Marks a ray that met nothing which reflects.
 const NOTHING: u32 = u32::MAX;
@@ -31,19 +31,19 @@ pub struct Bounce {
     pub rays: u64,
 }
 
-/// Irradiance of every element from everything but lamps, W/m². `direct_only` is the scene lit by lamps alone,
-/// `reflectance` and `guess` belong to the elements; the result is close to the fixed point whatever the guess.
+/// Irradiance of every receiver from everything but lamps. `reflectance` and `guess` (W/m²) belong to the elements; the
+/// result is close to the fixed point whatever the guess.
 pub fn bounce(
-    direct_only: &Source,
-    lit: &LitScene,
+    lit: LitScene,
     reflectance: &[Rgb],
     guess: Vec<Rgb>,
     progress: &dyn Progress,
 ) -> Result<Bounce, Cancelled> {
-    let LitScene { surfels, hierarchy: tree, shut, .. } = *lit;
+    let LitScene { surfels, hierarchy: tree, shut, .. } = lit;
     let elements = tree.elements.len();
     let count = elements + shut.len();
     let mut fixed = vec![Rgb::ZERO; count];
+    let direct_only = Source::new(lit, &fixed, None);
     let mut hits = vec![NOTHING; count * RAYS as usize];
     let groups = Guide::groups(tree);
     let (fixed_elements, fixed_shut) = fixed.split_at_mut(elements);
@@ -58,7 +58,7 @@ pub fn bounce(
                     let (surfel, side) = tree.sample(surfels, node, u);
                     (surfels.position(surfel), tree.normal(surfels, surfel, side))
                 };
-                *fixed = cast(direct_only, hash2(e, 0xe1e3), from, hits, |glance| glances.push(glance));
+                *fixed = cast(&direct_only, hash2(e, 0xe1e3), from, hits, |glance| glances.push(glance));
             }
             if progress.is_cancelled() { Err(Cancelled) } else { Ok(Guide::bright(&glances)) }
         })
@@ -66,7 +66,7 @@ pub fn bounce(
     fixed_shut.par_iter_mut().zip(hits_shut.par_chunks_mut(RAYS as usize)).zip(shut).try_for_each(
         |((fixed, hits), &texel)| {
             let from = |_| (surfels.position(texel), surfels.normal(texel));
-            *fixed = cast(direct_only, hash2(texel, 0x5407), from, hits, |_| ());
+            *fixed = cast(&direct_only, hash2(texel, 0x5407), from, hits, |_| ());
             if progress.is_cancelled() { Err(Cancelled) } else { Ok(()) }
         },
     )?;

@@ -125,10 +125,7 @@ fn mean_radiance(scene: &Scene, instance: usize, triangle: usize) -> Rgb {
 fn cuts(scene: &Scene, mesh: usize, triangle: usize) -> u32 {
     let material = scene.material_of(mesh, triangle);
     let texels = |slot: &TextureSlot| {
-        let Some(set) = scene.meshes[mesh].texcoords.get(slot.set).filter(|set| !set.is_empty()) else { return 0.0 };
-        let texture = &scene.textures[slot.texture];
-        let size = Vec2::new(texture.width as f32, texture.height as f32);
-        let [a, b, c] = scene.meshes[mesh].triangles[triangle].map(|v| slot.coordinate(set[v as usize]) * size);
+        let Some([a, b, c]) = scene.texture_corners(slot, mesh, triangle) else { return 0.0 };
         (b - a).abs().max((c - a).abs()).max_element()
     };
     let base = material.base_color_texture.as_ref().filter(|_| material.alpha_mode != AlphaMode::Opaque);

@@ -3,6 +3,7 @@
 use super::obstacles::{Facts, GRID, MARGIN, View};
 use crate::accel::Accel;
 use crate::atlas::{Atlas, SurfacePoint, Texels};
+use crate::math::shifted;
 use crate::progress::{Cancelled, Progress};
 use crate::scene::Scene;
 use glam::Vec2;
@@ -125,9 +126,7 @@ impl<'a> Footprint<'a> {
             self.texels.sample(self.scene, self.atlas, texel, offset)
         };
         // Where the chart's border cuts a cell, points beyond it are drawn again, by a low-discrepancy shift.
-        (0..TRIES)
-            .find_map(|i| on_chart((u + i as f32 * Vec2::new(0.754_877_7, 0.569_840_3)).fract()))
-            .unwrap_or_else(|| self.centre(texel))
+        (0..TRIES).find_map(|i| on_chart(shifted(u, i))).unwrap_or_else(|| self.centre(texel))
     }
 
     /// True if the surface bends within the texel, so that its middle does not stand for all of it.

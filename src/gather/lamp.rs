@@ -1,7 +1,7 @@
 //! A lamp as the receiver sees it: unoccluded irradiance in closed form, and points to test visibility to.
 
 use super::region::{Region, regions};
-use crate::math::{orthonormal_basis, uniform_disk};
+use crate::math::{orthonormal_basis, shifted, uniform_disk};
 use crate::scene::{
     Environment, Falloff, Light, LightShape, NARROWEST_SPREAD, Profile, Rgb, spot_attenuation, spread_attenuation,
 };
@@ -331,8 +331,7 @@ fn within_beam(v: Vec3, half: &[Vec3; 2], normal: Vec3, round: bool, spread: f32
     if reach <= 0.0 || low.cmpge(high).any() {
         return None;
     }
-    // Shifts of the plastic number keep the points of several tries apart. (Roberts, 2018.)
-    (0..TRIES).map(|k| (u + Vec2::new(0.754_877_7, 0.569_840_3) * k as f32).fract()).find_map(|u| {
+    (0..TRIES).map(|k| shifted(u, k)).find_map(|u| {
         let s = low + u * (high - low);
         let inside = ((s - foot) * sides).length_squared() < reach * reach && (!round || s.length_squared() < 1.0);
         inside.then_some(s)

@@ -22,16 +22,11 @@ const CONTACT: f32 = 1.0;
 /// Turns of a path at most.
 const MOST_TURNS: u32 = 8;
 
-/// Translucent surfaces in a row from which on a ray stops.
-const MOST_LAYERS: u32 = 16;
-
 /// What a ray sees.
 #[derive(Clone, Copy, Debug)]
 pub struct Seen {
     /// W/(m²·sr).
     pub radiance: Rgb,
-    /// Distance to where it comes from, metres.
-    pub distance: f32,
     /// The receiver that reflects it: an element, or behind all elements a shut texel.
     pub receiver: Option<u32>,
 }
@@ -72,6 +67,8 @@ struct Place {
     side: Side,
     surfel: u32,
     element: u32,
+    /// The element, or the shut texel.
+    receiver: u32,
 }
 
 /// Everything that says what leaves the scene's surfaces, but for the irradiance of elements.
@@ -185,7 +182,7 @@ impl<'a> Source<'a> {
     pub fn look(&self, origin: Vec3, direction: Vec3, solid_angle: f32) -> Seen {
         let met = self.meet(origin, direction, solid_angle);
         let reflected = met.place.map_or(Rgb::ZERO, |place| self.cached(&place, met.distance, solid_angle));
-        Seen { radiance: met.own + met.passed * reflected, distance: met.distance, receiver: met.receiver }
+        Seen { radiance: met.own + met.passed * reflected, receiver: met.receiver }
     }
 
     /// Like `look`, but a path that ends nearer than the coarse solution can tell what happens there, as in corners and
@@ -231,8 +228,8 @@ impl<'a> Source<'a> {
             };
             let (emitted, place) = self.surface(&ray, &hit);
             met.own += met.passed * emitted;
-            let receiver = place.map(|p| self.shut_receiver(&p).unwrap_or(p.element));
-            let Some(through) = accel.transmission_at(&hit).filter(|_| layer < MOST_LAYERS) else {
+            let receiver = place.map(|p| p.receiver);
+            let Some(through) = accel.transmission_at(&hit).filter(|_| layer < Accel::MOST_LAYERS) else {
                 (met.distance, met.place) = (hit.t, place);
                 if draw.is_none_or(|d| d >= 0.0) {
                     met.receiver = receiver;
@@ -279,7 +276,10 @@ impl<'a> Source<'a> {
             };
             let element = lit.hierarchy.element_of(surfel, side)?;
             let normal = if side == Side::Front { hit.normal } else { -hit.normal };
-            Some(Place { point: ray.origin + direction * hit.t, normal, cosine: cosine.abs(), side, surfel, element })
+            let shut = if side == Side::Front { lit.shut_receiver(surfel) } else { None };
+            let receiver = shut.unwrap_or(element);
+            let point = ray.origin + direction * hit.t;
+            Some(Place { point, normal, cosine: cosine.abs(), side, surfel, element, receiver })
         });
         (own, place)
     }
@@ -289,17 +289,12 @@ impl<'a> Source<'a> {
         let element = place.element as usize;
         let footprint = solid_angle * distance * distance / place.cosine.max(0.05);
         // The ray stands for a patch of the surface: its mean is what the ray should bring, not one texel of it.
-        let is_wide = footprint > self.areas[element] && self.shut_receiver(place).is_none();
+        let is_wide = footprint > self.areas[element] && place.receiver == place.element;
         if place.side == Side::Back || is_wide {
             self.elements[element]
         } else {
             Rgb::from_array(self.front[place.surfel as usize].map(f16::to_f32))
         }
-    }
-
-    /// The receiver of a place that something stands on.
-    fn shut_receiver(&self, place: &Place) -> Option<u32> {
-        if place.side == Side::Front { self.lit.shut_receiver(place.surfel) } else { None }
     }
 
     /// Irradiance straight from lamps at a place, W/m²: its texel's if that is lit evenly, else sampled.

@@ -10,6 +10,7 @@ use crate::transport::SELF_INTERSECTION;
 
 /// So many lamps are all tested at a single point.
 const FEW: usize = 4;
+
 /// All lamps with what they need to be tested.
 pub struct Lamps<'a> {
     pub(super) lamps: Vec<Lamp>,

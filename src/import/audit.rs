@@ -1,63 +1,11 @@
 //! What a file asks for that a lightmap does not show: one warning per extension, naming what it is on and what is done
 //! instead. Nothing that changes light is dropped in silence.
 
+use super::extensions::{self, Fate};
 use crate::document::Document;
 use crate::warning::Warning;
 use serde_json::Value;
 use std::collections::BTreeMap;
-
-/// Extensions that are read, or that change nothing about diffuse light at rest.
-const SILENT: [&str; 30] = [
-    super::EXTENSION,
-    "EXT_lights_area",
-    "EXT_lights_ies",
-    "EXT_mesh_gpu_instancing",
-    "EXT_meshopt_compression",
-    "EXT_texture_webp",
-    "KHR_animation_pointer",
-    "KHR_draco_mesh_compression",
-    "KHR_lights_punctual",
-    "KHR_materials_anisotropy",
-    "KHR_materials_dispersion",
-    "KHR_materials_emissive_strength",
-    "KHR_materials_ior",
-    "KHR_materials_pbrSpecularGlossiness",
-    "KHR_materials_transmission",
-    "KHR_materials_unlit",
-    "KHR_materials_variants",
-    "KHR_mesh_quantization",
-    "KHR_meshopt_compression",
-    "KHR_node_visibility",
-    "KHR_node_hoverability",
-    "KHR_node_selectability",
-    "KHR_texture_basisu",
-    "KHR_texture_transform",
-    "KHR_audio_emitter",
-    "KHR_xmp",
-    "KHR_xmp_json_ld",
-    "EXT_mesh_features",
-    "EXT_structural_metadata",
-    "MOZ_lightmap",
-];
-
-/// Extensions that change light and are left out, with what is done instead.
-const LEFT_OUT: [(&str, &str); 12] = [
-    ("KHR_materials_clearcoat", "the coat is left out and the layer below is baked as if bare; darken its base colour"),
-    ("KHR_materials_sheen", "the sheen is left out; lighten the base colour if it matters"),
-    ("KHR_materials_specular", "specular reflection is no part of a lightmap; the diffuse part is baked in full"),
-    ("KHR_materials_iridescence", "the film is left out; only the base colour reflects"),
-    ("KHR_materials_volume", "what the volume absorbs is left out; tint the base colour instead"),
-    ("KHR_materials_volume_scatter", "scattering inside is left out; only the surface reflects"),
-    (
-        "KHR_materials_diffuse_transmission",
-        "light scattered through the surface is left out; use KHR_materials_transmission",
-    ),
-    ("KHR_materials_subsurface", "scattering below the surface is left out; only the surface reflects"),
-    ("KHR_materials_displacement", "the surface is baked flat; displace the mesh before the export"),
-    ("EXT_lights_image_based", "its light is left out; give LIGHTKILN_scene an `environment` with an `image`"),
-    ("MSFT_lod", "every level that the scene shows is baked; keep one"),
-    ("KHR_physics_rigid_bodies", "bodies are baked where they stand; apply the simulation"),
-];
 
 /// Warns about every extension in use that is not lit, and about lamp ranges and animations.
 pub(super) fn check(document: &Document, warnings: &mut Vec<Warning>) {
@@ -69,10 +17,10 @@ pub(super) fn check(document: &Document, warnings: &mut Vec<Warning>) {
         root.get("extensions").into_iter().for_each(|e| note(e, "the file", &mut found));
     }
     for (name, (count, place)) in found {
-        let instead = match LEFT_OUT.iter().find(|(known, _)| *known == name) {
-            Some((_, instead)) => instead,
-            None if SILENT.contains(&name) => continue,
-            None => "it is not known and left out; if it changes light, export without it",
+        let instead = match extensions::fate(name) {
+            Fate::Kept => continue,
+            Fate::LeftOut(instead) => instead,
+            Fate::Unknown => "it is not known and left out; if it changes light, export without it",
         };
         let others = if count > 1 { format!(" and in {} other places", count - 1) } else { String::new() };
         warnings.push(Warning::new("extension", place, format!("it has the extension {name}{others}: {instead}")));

@@ -1,7 +1,7 @@
 //! An opened file: raw JSON and buffers beside the typed core of glTF.
 
-use super::{ImportError, buffers, checked, container, draco, extensions, json, meshopt, uri};
-use crate::document::{Document, ExternalFile, ExternalImage};
+use super::{ImportError, buffers, checked, container, draco, extensions, meshopt, uri};
+use crate::document::{Document, ExternalFile};
 use crate::warning::Warning;
 use std::path::Path;
 
@@ -23,23 +23,24 @@ pub(super) fn open(path: &Path, warnings: &mut Vec<Warning>) -> Result<Source, I
     meshopt::decode(&mut json, &mut buffers)?;
     draco::decode(&mut json, &mut buffers)?;
     let mut document = Document { json, buffers, directory, ..Document::default() };
-    document.external_images = external_images(&document);
     document.external_files = external_files(&document);
     let gltf = checked::document(path, &document.json, &document.buffers, warnings)?;
     Ok(Source { document, gltf })
 }
 
-/// What LIGHTKILN_scene and EXT_lights_ies refer to.
+/// Images, and what LIGHTKILN_scene and EXT_lights_ies refer to.
 fn external_files(document: &Document) -> Vec<ExternalFile> {
     let count = |extension: &str| {
         let lights = document.root_extension(extension).and_then(|e| e.get("lights"));
         lights.and_then(|l| l.as_array()).map_or(0, Vec::len)
     };
     let own = super::EXTENSION;
-    let image = format!("/extensions/{own}/environment/image");
+    let images = (0..document.array("images").len()).map(|i| format!("/images/{i}"));
+    let sky = format!("/extensions/{own}/environment/image");
     let profiles = (0..count(own)).map(|i| format!("/extensions/{own}/lights/{i}/ies"));
     let measured = (0..count("EXT_lights_ies")).map(|i| format!("/extensions/EXT_lights_ies/lights/{i}"));
-    std::iter::once(image)
+    images
+        .chain([sky])
         .chain(profiles)
         .chain(measured)
         .flat_map(|place| [format!("{place}/uri"), place])
@@ -51,15 +52,4 @@ fn external_files(document: &Document) -> Vec<ExternalFile> {
             }
         })
         .collect()
-}
-
-fn external_images(document: &Document) -> Vec<ExternalImage> {
-    let external = document.array("images").iter().enumerate().filter_map(|(image, raw)| {
-        let uri = json::string(raw, "uri").filter(|uri| !uri.starts_with("data:"))?;
-        match uri::resolve(uri, &document.directory) {
-            Ok(uri::Resource::File(path)) => Some(ExternalImage { image, uri: uri.to_owned(), path }),
-            _ => None,
-        }
-    });
-    external.collect()
 }

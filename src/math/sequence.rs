@@ -114,6 +114,13 @@ impl Sequence {
     }
 }
 
+/// Point `k` of a low-discrepancy sequence that begins at `u`, in the unit square: the plastic number keeps its points apart.
+///
+/// Based on: Roberts, "The Unreasonable Effectiveness of Quasirandom Sequences", 2018.
+pub fn shifted(u: Vec2, k: u32) -> Vec2 {
+    (u + Vec2::new(0.754_877_7, 0.569_840_3) * k as f32).fract()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

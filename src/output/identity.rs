@@ -11,11 +11,8 @@ pub fn scene_hash(document: &Document) -> String {
     for buffer in &document.buffers {
         hash.part(buffer);
     }
-    for image in &document.external_images {
-        // A missing image is a fact about the scene as well.
-        hash.part(&fs::read(&image.path).unwrap_or_default());
-    }
     for file in &document.external_files {
+        // A missing file is a fact about the scene as well.
         hash.part(&fs::read(&file.path).unwrap_or_default());
     }
     format!("{:032x}", hash.0)

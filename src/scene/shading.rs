@@ -1,6 +1,6 @@
-//! What a point of a surface reflects, emits and covers: factors × textures × vertex colours.
+//! What a point of a surface reflects, emits, covers and lets through: factors × textures × vertex colours.
 //!
-//! Points are given as instance, triangle of its mesh, and barycentrics of the triangle's second and third corner.
+//! Points are given as instance or mesh, triangle of the mesh, and barycentrics of the triangle's second and third corner.
 
 use super::{AlphaMode, MAX_REFLECTANCE, Material, Rgb, Scene, TextureSlot};
 use glam::{Vec2, Vec4};
@@ -9,33 +9,64 @@ impl Scene {
     /// Diffuse reflectance, 0 ..= [`MAX_REFLECTANCE`] per channel: base colour without the metallic and the transmitted
     /// share. Partial coverage is not in it, see [`Scene::alpha_at`].
     pub fn reflectance_at(&self, instance: usize, triangle: usize, barycentric: Vec2) -> Rgb {
-        let point = Point::new(self, instance, triangle, barycentric);
-        let m = point.material;
-        let metallic = m.metallic * point.data(&m.metallic_texture).z;
-        let transmission = m.transmission * point.data(&m.transmission_texture).x;
-        let diffuse = point.base_color().truncate() * ((1.0 - metallic) * (1.0 - transmission));
+        let point = Point::new(self, self.instances[instance].mesh, triangle, barycentric);
+        let diffuse = point.base_color().truncate() * ((1.0 - point.metallic()) * (1.0 - point.transmission()));
         diffuse.clamp(Rgb::ZERO, Rgb::splat(MAX_REFLECTANCE))
     }
 
     /// Emitted radiance, W/(m²·sr), of the front face and, if the material is double sided, of the back.
     pub fn emission_at(&self, instance: usize, triangle: usize, barycentric: Vec2) -> Rgb {
-        let material = self.material_of(self.instances[instance].mesh, triangle);
+        let point = Point::new(self, self.instances[instance].mesh, triangle, barycentric);
+        let material = point.material;
         if !material.emits() {
             return Rgb::ZERO;
         }
-        let point = Point::new(self, instance, triangle, barycentric);
         material.emission * point.color(&material.emission_texture).truncate()
     }
 
     /// Share of the point that is there, 0..=1: 0 or 1 with an alpha mask, 1 if alpha is ignored.
     pub fn alpha_at(&self, instance: usize, triangle: usize, barycentric: Vec2) -> f32 {
-        let material = self.material_of(self.instances[instance].mesh, triangle);
-        let alpha = || Point::new(self, instance, triangle, barycentric).base_color().w;
-        match material.alpha_mode {
+        let point = Point::new(self, self.instances[instance].mesh, triangle, barycentric);
+        match point.material.alpha_mode {
             AlphaMode::Opaque => 1.0,
-            AlphaMode::Mask(cutoff) => f32::from(alpha() >= cutoff),
-            AlphaMode::Blend => alpha().clamp(0.0, 1.0),
+            AlphaMode::Mask(_) | AlphaMode::Blend => point.alpha(point.base_color().w),
         }
+    }
+
+    /// True if a ray meets the surface of mesh `mesh` at that point, wholly or in part: always but in the holes of a mask.
+    pub fn covers_at(&self, mesh: usize, triangle: usize, barycentric: Vec2) -> bool {
+        let point = Point::new(self, mesh, triangle, barycentric);
+        match point.material.alpha_mode {
+            AlphaMode::Mask(cutoff) => point.base_color().w >= cutoff,
+            AlphaMode::Opaque | AlphaMode::Blend => true,
+        }
+    }
+
+    /// Share of light per channel that goes straight through a point of mesh `mesh`. Of a blended surface of base colour
+    /// c and alpha a it is (1 − a)·(1 − a + a·c): 1 where there is no coverage, 0 where it is full, and in between the
+    /// more tinted by the surface's colour the more it covers. glTF leaves open what a blended surface does to the light
+    /// behind it; the factor 1 − a is its compositing, the tint is ours. KHR_materials_transmission adds its share of
+    /// what is covered and no metal, times c.
+    pub fn transmittance_at(&self, mesh: usize, triangle: usize, barycentric: Vec2) -> Rgb {
+        let point = Point::new(self, mesh, triangle, barycentric);
+        let color = point.base_color();
+        let alpha = point.alpha(color.w);
+        let tint = color.truncate().clamp(Rgb::ZERO, Rgb::ONE);
+        let beside = (1.0 - alpha) * (Rgb::splat(1.0 - alpha) + alpha * tint);
+        if point.material.transmission <= 0.0 {
+            return beside;
+        }
+        beside + tint * (alpha * point.transmission() * (1.0 - point.metallic()))
+    }
+
+    /// Where the corners of a triangle of mesh `mesh` lie in a texture, in its texels; none if the mesh lacks the
+    /// coordinate set.
+    pub fn texture_corners(&self, slot: &TextureSlot, mesh: usize, triangle: usize) -> Option<[Vec2; 3]> {
+        let mesh = &self.meshes[mesh];
+        let set = mesh.texcoords.get(slot.set).filter(|set| !set.is_empty())?;
+        let texture = &self.textures[slot.texture];
+        let size = Vec2::new(texture.width as f32, texture.height as f32);
+        Some(mesh.triangles[triangle].map(|v| slot.coordinate(set[v as usize]) * size))
     }
 }
 
@@ -49,8 +80,7 @@ struct Point<'a> {
 }
 
 impl<'a> Point<'a> {
-    fn new(scene: &'a Scene, instance: usize, triangle: usize, barycentric: Vec2) -> Self {
-        let mesh = scene.instances[instance].mesh;
+    fn new(scene: &'a Scene, mesh: usize, triangle: usize, barycentric: Vec2) -> Self {
         Self { scene, mesh, triangle, barycentric, material: scene.material_of(mesh, triangle) }
     }
 
@@ -60,6 +90,23 @@ impl<'a> Point<'a> {
         let colors = &self.scene.meshes[self.mesh].colors;
         let vertex = if colors.is_empty() { Vec4::ONE } else { self.attribute(colors) };
         factor * vertex * self.color(&self.material.base_color_texture)
+    }
+
+    /// Share that is there, where the base colour's alpha is `alpha`.
+    fn alpha(&self, alpha: f32) -> f32 {
+        match self.material.alpha_mode {
+            AlphaMode::Opaque => 1.0,
+            AlphaMode::Mask(cutoff) => f32::from(alpha >= cutoff),
+            AlphaMode::Blend => alpha.clamp(0.0, 1.0),
+        }
+    }
+
+    fn metallic(&self) -> f32 {
+        self.material.metallic * self.data(&self.material.metallic_texture).z
+    }
+
+    fn transmission(&self) -> f32 {
+        self.material.transmission * self.data(&self.material.transmission_texture).x
     }
 
     /// Value of an sRGB-encoded texture, one without it.

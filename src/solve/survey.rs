@@ -10,9 +10,6 @@ use rayon::prelude::*;
 use std::f32::consts::PI;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// Translucent surfaces in a row from which on a ray stops.
-const MOST_LAYERS: u32 = 16;
-
 /// Views of all elements.
 pub struct Survey {
     /// Irradiance from the sky, W/m².
@@ -115,11 +112,11 @@ fn look(
 /// that pass carry its colour.
 fn follow(accel: &Accel, mut ray: Ray, seed: u32) -> (Rgb, Option<Hit>) {
     let mut passed = Rgb::ONE;
-    for layer in 0..MOST_LAYERS {
+    for layer in 0..Accel::MOST_LAYERS {
         let Some(hit) = accel.closest(&ray) else { return (passed, None) };
         let Some(through) = accel.transmission_at(&hit) else { return (passed, Some(hit)) };
         let chance = through.element_sum() / 3.0;
-        if unit_float(hash2(seed, layer)) >= chance || layer + 1 == MOST_LAYERS {
+        if unit_float(hash2(seed, layer)) >= chance || layer + 1 == Accel::MOST_LAYERS {
             return (passed, Some(hit));
         }
         passed *= through / chance;

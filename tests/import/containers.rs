@@ -75,8 +75,9 @@ fn external_files_with_escaped_names() {
     std::fs::write(folder.path().join("a picture.png"), picture(image::ImageFormat::Png)).unwrap();
     let imported = load(&path, &ImportSettings::default(), &Silent).unwrap();
     check(&imported);
-    let external = &imported.document.external_images;
-    assert_eq!((external.len(), external[0].image, external[0].uri.as_str()), (1, 0, "a%20picture.png"));
+    let external = &imported.document.external_files;
+    assert_eq!((external.len(), external[0].pointer.as_str()), (1, "/images/0/uri"));
+    assert_eq!(imported.document.json.pointer("/images/0/uri").unwrap(), "a%20picture.png");
     assert!(external[0].path.is_file());
     assert_eq!(imported.document.buffers[0], asset.bin);
 }
@@ -91,7 +92,7 @@ fn data_uris() {
     let (_folder, path) = file("scene.gltf", json.to_string().as_bytes());
     let imported = load(&path, &ImportSettings::default(), &Silent).unwrap();
     check(&imported);
-    assert!(imported.document.external_images.is_empty());
+    assert!(imported.document.external_files.is_empty());
 }
 
 #[test]

@@ -63,16 +63,17 @@ impl Asset {
         self.push("bufferViews", view)
     }
 
-    /// Makes the URI at a JSON pointer refer to a buffer view: `uri` of an object, or a string that stands for one.
-    pub(super) fn refer_to_view(&mut self, pointer: &str, view: usize) {
+    /// Makes the URI at a JSON pointer refer to a buffer view: `uri` of an object, with its
+    /// MIME type if the object wants one, or a string that stands for one.
+    pub(super) fn refer_to_view(&mut self, pointer: &str, view: usize, mime_type: Option<&str>) {
         let mut root = Value::Object(std::mem::take(&mut self.json));
         let parent = pointer.strip_suffix("/uri");
         if let Some(target) = root.pointer_mut(parent.unwrap_or(pointer)) {
             if let (Some(_), Some(object)) = (parent, target.as_object_mut()) {
                 object.shift_remove("uri");
                 object.insert("bufferView".into(), view.into());
-                if pointer.contains("EXT_lights_ies") {
-                    object.insert("mimeType".into(), "application/x-ies-lm-63".into());
+                if let Some(mime_type) = mime_type {
+                    object.insert("mimeType".into(), mime_type.into());
                 }
             } else {
                 *target = json!({ "bufferView": view, "name": target });

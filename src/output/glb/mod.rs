@@ -63,7 +63,6 @@ pub fn lit_glb(
     links: &[PageLink],
 ) -> Result<Vec<u8>, GlbError> {
     let mut asset = Asset::copy(document)?;
-    embed_images(&mut asset, document);
     embed_files(&mut asset, document);
     let mut materials = Materials::new(&mut asset, pages, links)?;
     let mut meshes = Meshes::new(document, atlas);
@@ -162,26 +161,18 @@ fn stop_instancing(asset: &mut Asset, node: usize) {
     }
 }
 
-/// Copies images in files of their own into the buffer. Those that are missing stay references; import has warned.
-fn embed_images(asset: &mut Asset, document: &Document) {
-    for external in &document.external_images {
-        let Ok(bytes) = fs::read(&external.path) else { continue };
-        let view = asset.push_view(&bytes, None, None);
-        let Some(image) = asset.array("images").get_mut(external.image).and_then(Value::as_object_mut) else {
-            continue;
-        };
-        image.shift_remove("uri");
-        image.insert("bufferView".into(), view.into());
-        image.insert("mimeType".into(), mime_type(&bytes).into());
-    }
-}
-
-/// Copies the files that extensions refer to into the buffer, so that the lit copy lights the same wherever it lies.
+/// Copies the files that the document refers to into the buffer, so that the lit copy looks the same wherever it lies.
+/// Those that are missing stay references; import has warned.
 fn embed_files(asset: &mut Asset, document: &Document) {
     for external in &document.external_files {
         let Ok(bytes) = fs::read(&external.path) else { continue };
         let view = asset.push_view(&bytes, None, None);
-        asset.refer_to_view(&external.pointer, view);
+        let mime_type = match external.pointer.as_str() {
+            image if image.starts_with("/images/") => Some(mime_type(&bytes)),
+            profile if profile.contains("EXT_lights_ies") => Some("application/x-ies-lm-63"),
+            _ => None,
+        };
+        asset.refer_to_view(&external.pointer, view, mime_type);
     }
 }
 
