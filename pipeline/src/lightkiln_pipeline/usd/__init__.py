@@ -1,0 +1,1 @@
+"""USD: scenes become what the baker reads, and its lightmaps come back as a layer over the source."""

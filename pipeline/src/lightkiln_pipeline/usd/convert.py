@@ -1,0 +1,300 @@
+"""A USD scene → the GLB that the baker reads, and notes on what was left out.
+
+In: a stage on disk and settings. Out: one file with meshes, materials, lamps and sky in the LIGHTKILN_scene contract. Mesh
+nodes carry `extras.lightkiln` with the prim that they come from, and vertices the corner of it, so that the lightmap's
+coordinates find their way back (see layer.py).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from pxr import UsdGeom, UsdLux, UsdShade
+
+from .. import __version__
+from ..errors import Note, Notes
+from ..glb.writer import EXTENSION, GlbWriter, Json
+from .lights import LUMENS_PER_WATT, LightReader, Tube, emitted
+from .materials import Materials, WrittenMaterial
+from .mesh import MeshData, read_mesh
+from .placement import node_transform
+from .sky import environment
+from .solids import tube
+from .stage import Scene, open_scene
+from .surfaces import Channel, Color, Surface, read_surface, unbound_surface
+from .walk import Placement, Walk, data_path, inherited
+
+CORNER = "_CORNER"
+"""Vertex attribute: number of a source corner, as two floats (high, low 16 bits)."""
+
+
+@dataclass(frozen=True)
+class UsdSettings:
+    """How a stage is read."""
+
+    level: int = 1
+    """Refinements of subdivision surfaces."""
+    purposes: tuple[str, ...] = ("default", "render")
+    time: float | None = None
+    """Time code; none is the earliest."""
+    light_units: str = "auto"
+    """`photometric`: intensities are nits; `radiometric`: W/(m²·sr); `auto`: as the program that wrote the stage."""
+    variants: dict[str, str] = field(default_factory=dict)
+    """`/Prim{set}` → variant."""
+
+
+@dataclass(frozen=True)
+class Conversion:
+    """What became of a scene."""
+
+    meshes: int
+    instances: int
+    triangles: int
+    lamps: int
+    notes: list[Note]
+
+
+def convert(source: Path, target: Path, settings: UsdSettings) -> Conversion:
+    """Converts a USD file. Raises PipelineError if it cannot be opened."""
+    notes = Notes()
+    scene = open_scene(source, notes, time=settings.time, variants=settings.variants)
+    converter = _Converter(scene, settings, notes)
+    return converter.run(target)
+
+
+class _Converter:
+    """Puts one scene into one document."""
+
+    def __init__(self, scene: Scene, settings: UsdSettings, notes: Notes) -> None:
+        self._scene, self._settings, self._notes = scene, settings, notes
+        radiometric = settings.light_units == "radiometric" or (settings.light_units == "auto" and scene.blender)
+        self._to_radiance = 1.0 if radiometric else 1.0 / LUMENS_PER_WATT
+        self._glb = GlbWriter(f"lightkiln-pipeline {__version__}")
+        self._materials = Materials(self._glb, self._to_radiance, notes)
+        self._lights = LightReader(scene, self._to_radiance, notes)
+        self._read: dict[object, MeshData | None] = {}
+        self._meshes: dict[object, int] = {}
+        self._surfaces: dict[tuple[str, bool], Surface] = {}
+        self._triangles = 0
+
+    def run(self, target: Path) -> Conversion:
+        instances = 0
+        walk = Walk(self._scene, self._settings.purposes, self._notes)
+        for placement in walk.placements():
+            is_shape = placement.prim.IsA(UsdGeom.Gprim)
+            if placement.prim.HasAPI(UsdLux.LightAPI) and not is_shape:
+                self._lights.read(placement.prim, placement.world, placement.path)
+            elif is_shape:
+                instances += self._add_shape(placement)
+        self._add_lights()
+        if not instances:
+            self._notes.add(self._scene.path.name, "nothing in it can be baked: no mesh is visible in the chosen purposes")
+        self._glb.write(target)
+        lamps = len(self._lights.lights.lamps) + len(self._lights.lights.tubes)
+        return Conversion(len(self._meshes), instances, self._triangles, lamps, self._notes.list())
+
+    def _add_lights(self) -> None:
+        found = self._lights.lights
+        for lamp in found.lamps:
+            definition = dict(lamp.definition)
+            if lamp.profile is not None:
+                definition["ies"] = {"bufferView": self._glb.view(lamp.profile.text().encode())}
+            self._glb.lamp(definition, lamp.node)
+        for cylinder in found.tubes:
+            self._add_tube(cylinder)
+        sky = environment(self._scene, found.domes, self._glb, self._notes)
+        if sky is not None:
+            self._glb.extension["environment"] = sky
+
+    def _add_tube(self, cylinder: Tube) -> None:
+        points, counts, indices, normals = tube(cylinder.radius, cylinder.length, "X")
+        world = cylinder.world
+        placed = points[indices] @ world[:3, :3].T + world[:3, 3]
+        turned = normals @ np.linalg.inv(world[:3, :3])
+        quads = np.arange(len(indices)).reshape(len(counts), 4)
+        triangles = np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]])
+        if np.linalg.det(world[:3, :3]) < 0:
+            triangles = triangles[:, ::-1]
+        black = Surface(cylinder.name, Channel((0.0, 0.0, 0.0)))
+        color: Color = (float(cylinder.radiance[0]), float(cylinder.radiance[1]), float(cylinder.radiance[2]))
+        material = self._materials.write(black, double_sided=False, light=color)
+        attributes = {
+            "POSITION": self._glb.attribute(placed, bounds=True),
+            "NORMAL": self._glb.attribute(turned / np.linalg.norm(turned, axis=1, keepdims=True)),
+        }
+        primitive = {"attributes": attributes, "indices": self._glb.indices(triangles), "material": material.index}
+        mesh = self._glb.push("meshes", {"name": cylinder.name, "primitives": [primitive]})
+        unseen = {"lightmap": False, "castsShadows": False}
+        self._glb.root({"name": cylinder.name, "mesh": mesh, "extensions": {EXTENSION: unseen}})
+
+    def _add_shape(self, placement: Placement) -> bool:
+        prim = placement.prim
+        request = self._request(prim)
+        wants_map = request.get("lightmap") is not False
+        data = self._data(prim, wants_map)
+        if data is None or len(data.triangles) == 0:
+            return False
+        node = node_transform(placement.world)
+        light = self._mesh_light(placement, data) if prim.HasAPI(UsdLux.LightAPI) else None
+        parts = self._parts(prim, data)
+        # A sheared matrix is no node transform: the vertices take it.
+        fixed = placement.world if node is None else None
+        key = (data_path(prim), wants_map, tuple(s.name for s, _ in parts), light, None if node else placement.path)
+        if key not in self._meshes:
+            self._meshes[key] = self._mesh(prim, data, parts, light, fixed)
+        extras = {"prim": str(prim.GetPath())}
+        if placement.instancer:
+            extras |= {"instancer": placement.instancer, "instance": placement.instance}
+        item: Json = {"name": placement.path, **(node or {}), "mesh": self._meshes[key]}
+        item["extras"] = {"lightkiln": extras}
+        if request:
+            item["extensions"] = {EXTENSION: request}
+        self._glb.root(item)
+        self._triangles += len(data.triangles)
+        return True
+
+    def _request(self, prim: Any) -> Json:
+        """What `primvars:lightkiln:*` ask for."""
+        time = self._scene.time
+        request: Json = {}
+        density, resolution = inherited(prim, "texelsPerMetre", time), inherited(prim, "resolution", time)
+        if inherited(prim, "lightmap", time) is False:
+            request["lightmap"] = False
+        elif resolution:
+            request["lightmap"] = {"resolution": int(resolution)}
+        elif density:
+            request["lightmap"] = {"texelsPerMetre": float(density)}
+        if inherited(prim, "castsShadows", time) is False:
+            request["castsShadows"] = False
+        group = inherited(prim, "group", time)
+        if group:
+            request["group"] = str(group)
+        return request
+
+    def _data(self, prim: Any, charts: bool) -> MeshData | None:
+        key = (data_path(prim), charts)
+        if key not in self._read:
+            self._read[key] = read_mesh(prim, self._scene.time, self._settings.level, self._notes, charts=charts)
+        return self._read[key]
+
+    def _parts(self, prim: Any, data: MeshData) -> list[tuple[Surface, npt.NDArray[np.int64]]]:
+        """Surfaces with the triangles that they cover: subsets first, the rest with the prim's own."""
+        painted = "displayColor" in data.colors
+        owner = np.full(len(data.triangles), -1)
+        surfaces: list[Surface] = []
+        for subset in UsdShade.MaterialBindingAPI(prim).GetMaterialBindSubsets():
+            faces = np.array(subset.GetIndicesAttr().Get(self._scene.time) or [], np.int64)
+            owner[np.isin(data.faces, faces) & (owner < 0)] = len(surfaces)
+            surfaces.append(self._surface(subset.GetPrim(), painted))
+        surfaces.append(self._surface(prim, painted))
+        owner[owner < 0] = len(surfaces) - 1
+        return [(s, data.triangles[owner == i]) for i, s in enumerate(surfaces) if (owner == i).any()]
+
+    def _surface(self, prim: Any, painted: bool) -> Surface:
+        binding = UsdShade.MaterialBindingAPI(prim)
+        material = binding.ComputeBoundMaterial(UsdShade.Tokens.full)[0]
+        if not material:
+            direct = UsdShade.MaterialBindingAPI(prim).GetDirectBindingRel()
+            if direct and direct.GetTargets():
+                target = direct.GetTargets()[0]
+                self._notes.add(prim.GetPath(), f"its material {target} does not exist; the display colour is baked")
+            return unbound_surface(painted)
+        key = (str(material.GetPath()), painted)
+        if key not in self._surfaces:
+            self._surfaces[key] = read_surface(material, self._scene.time, self._notes, has_display_color=painted)
+        return self._surfaces[key]
+
+    def _mesh_light(self, placement: Placement, data: MeshData) -> Color:
+        """Radiance of a mesh light, W/(m²·sr)."""
+        prim = placement.prim
+        radiance = emitted(prim, self._scene.time, self._to_radiance)
+        if UsdLux.LightAPI(prim).GetNormalizeAttr().Get(self._scene.time):
+            world = data.points @ placement.world[:3, :3].T
+            a, b, c = (world[data.corner_points[data.triangles[:, i]]] for i in range(3))
+            radiance = radiance / max(float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum()) / 2, 1e-30)
+        return (float(radiance[0]), float(radiance[1]), float(radiance[2]))
+
+    def _mesh(
+        self,
+        prim: Any,
+        data: MeshData,
+        parts: list[tuple[Surface, npt.NDArray[np.int64]]],
+        light: Color | None,
+        fixed: npt.NDArray[np.float64] | None,
+    ) -> int:
+        mode = str(UsdLux.LightAPI(prim).GetMaterialSyncModeAttr().Get()) if light is not None else ""
+        primitives = []
+        for surface, triangles in parts:
+            shown, added = _lit_surface(surface, light, mode)
+            material = self._materials.write(shown, double_sided=data.double_sided, light=added)
+            primitives.append(self._primitive(prim, data, material, triangles, fixed))
+        return self._glb.push("meshes", {"name": prim.GetName(), "primitives": primitives})
+
+    def _primitive(
+        self,
+        prim: Any,
+        data: MeshData,
+        material: WrittenMaterial,
+        triangles: npt.NDArray[np.int64],
+        fixed: npt.NDArray[np.float64] | None,
+    ) -> Json:
+        corners, local = np.unique(triangles, return_inverse=True)
+        positions, normals = data.points[data.corner_points[corners]], data.normals[corners]
+        turned = local.reshape(-1, 3)
+        if fixed is not None:
+            linear = fixed[:3, :3]
+            positions = positions @ linear.T + fixed[:3, 3]
+            # Normals follow the cofactors, which exist even where the matrix flattens.
+            cofactors = np.stack([np.cross(linear[i - 2], linear[i - 1]) for i in range(3)])
+            normals = normals @ (cofactors.T * np.sign(np.linalg.det(linear) or 1.0))
+            normals = normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30)
+            turned = turned[:, ::-1] if np.linalg.det(linear) < 0 else turned
+        columns: dict[str, npt.NDArray[np.float64]] = {"POSITION": positions, "NORMAL": normals}
+        for number, name in enumerate(material.uv_sets):
+            values = data.uv_sets.get(name)
+            if values is None:
+                self._notes.add(prim.GetPath(), f"it has no primvars:{name}, which its textures need; zeros are used")
+                values = np.zeros((len(data.corner_points), 2))
+            columns[f"TEXCOORD_{number if number == 0 else number + 1}"] = _upright(values[corners])
+        if material.color_primvar is not None:
+            colors = data.colors.get(material.color_primvar)
+            if colors is None:
+                message = f"it has no primvars:{material.color_primvar}, which its material needs; white is used"
+                self._notes.add(prim.GetPath(), message)
+            else:
+                columns["COLOR_0"] = np.clip(colors[corners], 0.0, 1.0)
+        if data.lightmap_uv is not None:
+            columns["TEXCOORD_1"] = data.lightmap_uv[corners]
+            columns.setdefault("TEXCOORD_0", columns["TEXCOORD_1"])
+            columns[CORNER] = _corner_names(data, corners)
+        attributes = {k: self._glb.attribute(v, bounds=k == "POSITION") for k, v in columns.items()}
+        return {"attributes": attributes, "indices": self._glb.indices(turned), "material": material.index}
+
+
+def _corner_names(data: MeshData, corners: npt.NDArray[np.int64]) -> npt.NDArray[np.float64]:
+    """Numbers of source corners, plus one; zero for corners that refinement made."""
+    numbers = data.source_corners[corners] + 1
+    return np.stack([numbers // 65536, numbers % 65536], axis=1).astype(np.float64)
+
+
+def _lit_surface(surface: Surface, light: Color | None, mode: str) -> tuple[Surface, Color | None]:
+    """The surface of a mesh light, and its own emission."""
+    if light is None:
+        return surface, None
+    if mode == "noMaterialResponse":
+        return Surface(surface.name, Channel((0.0, 0.0, 0.0))), light
+    dark = Surface(surface.name, surface.base, opacity=surface.opacity, metallic=surface.metallic)
+    dark.opacity_threshold = surface.opacity_threshold
+    if mode == "materialGlowTintsLight" and max(surface.emission.value) > 0:
+        glow = surface.emission.value
+        return dark, (glow[0] * light[0], glow[1] * light[1], glow[2] * light[2])
+    return dark, light
+
+
+def _upright(uv: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """USD's v runs up, glTF's down."""
+    return np.stack([uv[:, 0], 1.0 - uv[:, 1]], axis=1)
