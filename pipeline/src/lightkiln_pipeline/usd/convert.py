@@ -128,7 +128,7 @@ class _Converter:
         }
         primitive = {"attributes": attributes, "indices": self._glb.indices(triangles), "material": material.index}
         mesh = self._glb.push("meshes", {"name": cylinder.name, "primitives": [primitive]})
-        unseen = {"lightmap": False, "castsShadows": False}
+        unseen = {"lightmap": False}
         self._glb.root({"name": cylinder.name, "mesh": mesh, "extensions": {EXTENSION: unseen}})
 
     def _add_shape(self, placement: Placement) -> bool:

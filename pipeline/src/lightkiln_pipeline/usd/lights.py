@@ -42,7 +42,7 @@ class Lamp:
 
 @dataclass
 class Tube:
-    """A cylinder light: an emissive surface that casts no shadow."""
+    """A cylinder light: an emissive surface."""
 
     name: str
     radius: float
