@@ -27,11 +27,19 @@ _UDIM = "lightmap.<UDIM>.exr"
 
 
 def write_layer(
-    source: Path, lit_glb: Path, target: Path, notes: Notes, *, time: float | None = None, photometric: bool = True
+    source: Path,
+    lit_glb: Path,
+    target: Path,
+    notes: Notes,
+    *,
+    time: float | None = None,
+    photometric: bool = True,
+    home: Path | None = None,
 ) -> None:
     """Writes `target`, which refers to the source and to the pages beside `lit_glb`.
 
-    `time`: the time code that was baked. `photometric`: the preview shows nits.
+    `time`: the time code that was baked. `photometric`: the preview shows nits. `home`: the folder that target and pages
+    will be moved to.
 
     Raises PipelineError if the target is a file of the scene, or if the GLB does not come from a USD scene.
     """
@@ -49,6 +57,8 @@ def write_layer(
         writer.time = Usd.TimeCode.EarliestTime() if time is None else Usd.TimeCode(time)
         writer.photometric = photometric
         writer.write()
+        if home is not None:
+            layer.subLayerPaths[0] = _relative(source, home)
         layer.Save()
         partial.replace(target)
     finally:

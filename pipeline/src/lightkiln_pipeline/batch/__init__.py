@@ -1,0 +1,1 @@
+"""Batches: a manifest of assets → lightmaps for what changed, and a report."""

@@ -1,0 +1,158 @@
+"""The command `lightkiln-batch`: a manifest → lightmaps for what changed.
+
+Standard output: with --json one object per line. Standard error: text for people. Exit codes: 0 done, 1 some assets failed,
+2 arguments or manifest, 3 environment, 130 interrupted.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+import time
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import typer
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+from ..errors import PipelineError
+from .executors import DaskExecutor, Executor, LocalExecutor
+from .manifest import Manifest, load_manifest
+from .plan import Plan, make_plan
+from .run import run, select
+
+app = typer.Typer(no_args_is_help=True, add_completion=False, help="Bakes lightmaps for many scenes, those that changed.")
+_err = Console(stderr=True)
+
+ManifestPath = Annotated[Path, typer.Argument(help="The manifest, a TOML file.", metavar="MANIFEST")]
+
+
+class _Voice:
+    """Says what happens: JSON lines for programs, a bar and lines for people."""
+
+    def __init__(self, as_json: bool) -> None:
+        self._json = as_json
+        columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.fields[stage]}"), TimeElapsedColumn())
+        self._progress = Progress(*columns, console=_err, transient=True, disable=as_json or not _err.is_terminal)
+        self._bars: dict[str, Any] = {}
+
+    def __enter__(self) -> _Voice:
+        self._progress.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._progress.stop()
+
+    def say(self, event: dict[str, Any]) -> None:
+        """One event."""
+        if self._json:
+            print(json.dumps(event, ensure_ascii=False), flush=True)
+        elif event["event"] == "progress":
+            name = event["asset"]
+            if name not in self._bars:
+                self._bars[name] = self._progress.add_task(name, total=1.0, stage="")
+            self._progress.update(self._bars[name], completed=event["done"], stage=event["stage"])
+        elif event["event"] == "asset" and event["state"] != "stale":
+            bar = self._bars.pop(event["name"], None)
+            if bar is not None:
+                self._progress.remove_task(bar)
+            detail = event.get("message") or _details(event)
+            _print(f"{event['state']:>8}  {event['name']}{'  ' if detail else ''}{detail}")
+
+
+def _details(event: dict[str, Any]) -> str:
+    if "seconds" not in event:
+        return ""
+    warnings = f", {event['warnings']} warnings" if event["warnings"] else ""
+    return f"{event['seconds']:.1f} s{warnings}"
+
+
+def _print(text: str) -> None:
+    _err.print(text, markup=False, highlight=False, soft_wrap=True)
+
+
+@app.command(name="run")
+def run_command(
+    manifest: ManifestPath,
+    jobs: Annotated[int | None, typer.Option(min=1, max=256, help="Assets at a time; overrules the manifest.")] = None,
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="Say what would be baked and bake nothing.")] = False,
+    keep_going: Annotated[bool, typer.Option("--keep-going", help="Go on with the others after a failure.")] = False,
+    watch: Annotated[bool, typer.Option("--watch", help="Bake again whenever a file changes, until Ctrl-C.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="One JSON object per line on the standard output.")] = False,
+    executor: Annotated[Literal["local", "dask"], typer.Option(help="Where assets are baked.")] = "local",
+    scheduler: Annotated[str | None, typer.Option(help="Dask scheduler, tcp://host:port; else one is started here.")] = None,
+) -> None:
+    """Bake what changed since the last run."""
+    if watch and (dry_run or executor == "dask"):
+        raise typer.BadParameter("--watch goes with neither --dry-run nor --executor dask")
+    with _Voice(as_json) as voice:
+        while True:
+            read = load_manifest(manifest)
+            plan = make_plan(read, manifest)
+            selection = select(plan, voice.say)
+            failed = any(row.state == "failed" for row in selection.rows)
+            if dry_run:
+                for task in selection.tasks:
+                    voice.say({"event": "asset", "name": task.name, "state": "would bake"})
+            else:
+                if selection.tasks or not watch:
+                    where = _executor(executor, scheduler, jobs or read.jobs)
+                    rows = run(plan, selection, where, voice.say, keep_going=keep_going or watch)
+                    failed = any(row.state == "failed" for row in rows)
+            if not watch:
+                break
+            _wait_for_change(plan, manifest)
+    if failed:
+        raise typer.Exit(1)
+
+
+def _executor(kind: str, scheduler: str | None, jobs: int) -> Executor:
+    return DaskExecutor(scheduler, jobs) if kind == "dask" else LocalExecutor(jobs)
+
+
+def _wait_for_change(plan: Plan, manifest: Path) -> None:
+    """Returns when a file below the manifest's folder changes; whether that matters, the hashes decide."""
+
+    def look() -> dict[str, tuple[int, int]]:
+        seen = {}
+        for folder, _, names in os.walk(plan.root):
+            inside = Path(folder)
+            if inside == plan.out or plan.out in inside.parents:
+                continue
+            for name in names:
+                try:
+                    stat = (inside / name).stat()
+                except OSError:
+                    continue
+                seen[str(inside / name)] = (stat.st_mtime_ns, stat.st_size)
+        return seen
+
+    before = look()
+    _print(f"watching {plan.root}, Ctrl-C ends")
+    while look() == before and manifest.is_file():
+        time.sleep(1.0)
+
+
+@app.command()
+def schema() -> None:
+    """Print the JSON Schema of the manifest."""
+    print(manifest_schema())
+
+
+def manifest_schema() -> str:
+    """The JSON Schema of the manifest."""
+    return json.dumps({"$schema": "https://json-schema.org/draft/2020-12/schema", **Manifest.model_json_schema()}, indent=2)
+
+
+def main() -> None:
+    """Runs the command; ends with 0, 1, 2, 3 or 130."""
+    try:
+        app()
+    except PipelineError as error:
+        _print(f"error: {error}")
+        sys.exit(error.exit_code)
+    except KeyboardInterrupt:
+        _print("interrupted; what was finished is kept")
+        sys.exit(130)

@@ -1,0 +1,180 @@
+"""Where tasks run: processes of this machine, or the workers of a Dask cluster. Tasks → outcomes as they arrive."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from dataclasses import asdict, dataclass
+from queue import Empty, SimpleQueue
+from typing import Any, Protocol
+
+from ..errors import EnvironmentFault, PipelineError
+from .stamp import Stamp
+from .task import Task, run_task
+
+Event = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How a task ended."""
+
+    task: Task
+    stamp: Stamp | None
+    message: str = ""
+    """Why it failed."""
+    exit_code: int = 0
+    attempts: int = 1
+
+
+class Executor(Protocol):
+    """Runs tasks."""
+
+    def run(self, tasks: Sequence[Task], stop_on_failure: bool) -> Iterator[tuple[Task, Event] | Outcome]:
+        """Yields progress as (task, event), and an outcome per task that was started."""
+
+
+class LocalExecutor:
+    """A process per task, so that a crash takes nothing else along."""
+
+    def __init__(self, jobs: int) -> None:
+        """`jobs`: tasks at a time."""
+        self._jobs = jobs
+        self._processes: set[subprocess.Popen[str]] = set()
+
+    def run(self, tasks: Sequence[Task], stop_on_failure: bool) -> Iterator[tuple[Task, Event] | Outcome]:
+        """See Executor."""
+        events: SimpleQueue[tuple[Task, Event]] = SimpleQueue()
+        waiting, running = list(reversed(tasks)), set[Future[Outcome]]()
+        with ThreadPoolExecutor(self._jobs) as pool:
+            try:
+                while waiting or running:
+                    while waiting and len(running) < self._jobs:
+                        running.add(pool.submit(self._attempts, waiting.pop(), events))
+                    done, running = wait(running, timeout=0.1, return_when=FIRST_COMPLETED)
+                    yield from _drained(events)
+                    for future in done:
+                        outcome = future.result()
+                        if outcome.stamp is None and stop_on_failure:
+                            waiting.clear()
+                        yield outcome
+            finally:
+                # Interrupted: what runs is ended, what is finished stays.
+                for process in list(self._processes):
+                    process.terminate()
+
+    def _attempts(self, task: Task, events: SimpleQueue[tuple[Task, Event]]) -> Outcome:
+        """Runs a task again after a crash or a timeout; a fault that it reports itself would only come again."""
+        retries = int(task.settings.get("retries", 1))
+        for attempt in range(1, retries + 2):
+            outcome = self._attempt(task, events, attempt)
+            if outcome.stamp is not None or outcome.exit_code != 0:
+                return outcome
+        return Outcome(task, None, f"{outcome.message}; tried {attempt} times", 1, attempt)
+
+    def _attempt(self, task: Task, events: SimpleQueue[tuple[Task, Event]], attempt: int) -> Outcome:
+        command = [sys.executable, "-m", "lightkiln_pipeline.batch.task"]
+        pipes: dict[str, Any] = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+        process = subprocess.Popen(command, text=True, encoding="utf-8", start_new_session=os.name != "nt", **pipes)
+        self._processes.add(process)
+        timeout, start = task.settings.get("timeout"), time.monotonic()
+        last: Event = {}
+        timed_out = False
+        try:
+            assert process.stdin is not None and process.stdout is not None and process.stderr is not None
+            with ThreadPoolExecutor(2) as readers:
+                said = readers.submit(process.stderr.read)
+                if timeout is not None:
+                    readers.submit(_end_after, process, float(timeout))
+                # Held open until the task ends: when this process dies, the task notices.
+                process.stdin.write(json.dumps(asdict(task)) + "\n")
+                process.stdin.flush()
+                for line in process.stdout:
+                    last = json.loads(line)
+                    events.put((task, last))
+                process.wait()
+                timed_out = timeout is not None and time.monotonic() - start >= float(timeout)
+        except (OSError, ValueError) as error:
+            return Outcome(task, None, f"the worker broke off: {error}", 0, attempt)
+        finally:
+            self._processes.discard(process)
+        if last.get("event") == "finished":
+            return Outcome(task, Stamp(**last["stamp"]), "", 0, attempt)
+        if last.get("event") == "failed":
+            return Outcome(task, None, str(last["message"]), int(last["exit_code"]), attempt)
+        if timed_out:
+            return Outcome(task, None, f"it took longer than {timeout} s; raise `timeout` or lower the density", 0, attempt)
+        words = said.result().strip().splitlines()
+        reason = f": {words[-1]}" if words else ""
+        return Outcome(task, None, f"the worker ended with code {process.returncode}{reason}", 0, attempt)
+
+
+def _drained(events: SimpleQueue[tuple[Task, Event]]) -> Iterator[tuple[Task, Event]]:
+    while True:
+        try:
+            yield events.get_nowait()
+        except Empty:
+            return
+
+
+def _end_after(process: subprocess.Popen[str], seconds: float) -> None:
+    try:
+        process.wait(seconds)
+    except subprocess.TimeoutExpired:
+        process.terminate()
+
+
+class DaskExecutor:
+    """The workers of a Dask cluster: of a scheduler, or of a cluster that this process starts."""
+
+    def __init__(self, scheduler: str | None, jobs: int) -> None:
+        """Connects. Raises EnvironmentFault if Dask or the scheduler is missing."""
+        try:
+            from distributed import Client, LocalCluster
+        except ImportError as error:
+            raise EnvironmentFault("Dask is missing: pip install 'lightkiln-pipeline[dask]'") from error
+        try:
+            cluster = None if scheduler else LocalCluster(n_workers=jobs, threads_per_worker=1, dashboard_address=None)
+            self._client = Client(scheduler or cluster, timeout=30)
+        except OSError as error:
+            raise EnvironmentFault(f"no Dask scheduler answers at {scheduler}: {error}") from error
+        self._cluster = cluster
+
+    def run(self, tasks: Sequence[Task], stop_on_failure: bool) -> Iterator[tuple[Task, Event] | Outcome]:
+        """See Executor. Workers that die are replaced by Dask, which then runs their task again."""
+        from distributed import as_completed
+
+        futures = {
+            self._client.submit(
+                run_quietly, task, key=f"lightkiln-{task.name}-{task.key}", retries=int(task.settings.get("retries", 1))
+            ): task
+            for task in tasks
+        }
+        try:
+            for future in as_completed(futures):
+                task = futures[future]
+                if future.status != "finished":
+                    yield Outcome(task, None, f"the worker was lost: {future.exception()}", 1)
+                    continue
+                stamp, message, code = future.result()
+                yield Outcome(task, stamp, message, code)
+                if stamp is None and stop_on_failure:
+                    return
+        finally:
+            self._client.cancel(list(futures))
+            self._client.close()
+            if self._cluster is not None:
+                self._cluster.close()
+
+
+def run_quietly(task: Task) -> tuple[Stamp | None, str, int]:
+    """A task's stamp, or the message and exit code of its fault: such a fault would only come again."""
+    try:
+        return run_task(task, lambda _: None), "", 0
+    except PipelineError as error:
+        return None, str(error), error.exit_code

@@ -1,0 +1,183 @@
+"""Bakes one asset, wherever that runs: task → results in their folder. Knows neither queues nor other assets.
+
+    python -m lightkiln_pipeline.batch.task      reads a task as JSON from the standard input, prints JSON lines
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import shutil
+import signal
+import sys
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+from .. import program
+from ..errors import EnvironmentFault, Note, Notes, PipelineError
+from .dependencies import USD_KINDS
+from .manifest import Settings
+from .stamp import Stamp, publish
+
+Progress = Callable[[program.Event], None]
+
+
+@dataclass(frozen=True)
+class Task:
+    """Everything that a worker needs to know."""
+
+    name: str
+    scene: str
+    folder: str
+    key: str
+    baker: str
+    """Version of the baker that the batch was planned with; a worker with another one refuses."""
+    settings: dict[str, Any] = field(default_factory=dict)
+
+
+def run_task(task: Task, progress: Progress) -> Stamp:
+    """Bakes and publishes. Raises PipelineError with the reason if that is impossible."""
+    found = program.version(program.program())
+    if found != task.baker:
+        raise EnvironmentFault(f"this worker has {found}, the batch {task.baker}; install the same baker everywhere")
+    settings, scene, folder = Settings.model_validate(task.settings), Path(task.scene), Path(task.folder)
+    start, notes = time.monotonic(), Notes()
+    work = folder.parent / f".{folder.name}.{os.getpid()}.partial"
+    for left in folder.parent.glob(f".{folder.name}.*.partial"):
+        # From an attempt that was killed.
+        shutil.rmtree(left, ignore_errors=True)
+    try:
+        work.mkdir(parents=True)
+        glb, extra = _prepared(scene, work, settings, notes, progress)
+        result = program.bake(glb, work, [*baker_options(settings), *extra], progress)
+        for note in result.notes:
+            notes.add(note.place, note.message)
+        if glb.parent == work:
+            # What was only made for the baker is no result.
+            glb.unlink()
+        _finish(scene, folder, work, glb, settings, notes, progress)
+        facts = _facts(result.report)
+        stamp = Stamp(task.key, task.scene, task.baker, time.monotonic() - start, {}, _pairs(notes.list()), facts)
+        publish(work, folder, stamp)
+        return stamp
+    except OSError as error:
+        raise EnvironmentFault(f"{error}; free space or correct the folder's rights") from error
+    finally:
+        shutil.rmtree(work, ignore_errors=True)
+
+
+def baker_options(settings: Settings) -> list[str]:
+    """Settings as arguments of `lightkiln bake`."""
+    named = {
+        "--error": settings.error,
+        "--texels-per-metre": settings.texels_per_metre,
+        "--resolution": settings.resolution,
+        "--unwrapper": settings.unwrapper,
+        "--padding": settings.padding,
+        "--quantity": settings.quantity,
+        "--threads": settings.threads,
+    }
+    options = [word for key, value in named.items() if value is not None for word in (key, str(value))]
+    return [*options, "--force", *(["--float"] if settings.float_pages else [])]
+
+
+def _prepared(
+    scene: Path, work: Path, settings: Settings, notes: Notes, progress: Progress
+) -> tuple[Path, list[str]]:
+    """The GLB to bake, and options that its kind needs."""
+    kind = scene.suffix.lower()
+    if kind in USD_KINDS:
+        from ..usd.convert import UsdSettings, convert
+
+        progress({"event": "progress", "stage": "convert", "done": 0.0})
+        usd = settings.usd
+        units = settings.light_units or "auto"
+        wanted = UsdSettings(usd.level, tuple(usd.purposes), usd.time, units, usd.variants)
+        glb = work / f"{scene.stem}.glb"
+        for note in convert(scene, glb, wanted).notes:
+            notes.add(note.place, note.message)
+        return glb, ["--uv", "pack"]
+    if kind == ".blend":
+        from ..blender import export_blend
+
+        progress({"event": "progress", "stage": "convert", "done": 0.0})
+        glb = work / f"{scene.stem}.glb"
+        for note in export_blend(scene, glb):
+            notes.add(note.place, note.message)
+        return glb, ["--uv", settings.uv] if settings.uv else []
+    units = ["--light-units", settings.light_units] if settings.light_units else []
+    return scene, [*units, *(["--uv", settings.uv] if settings.uv else [])]
+
+
+def _finish(
+    scene: Path, folder: Path, work: Path, glb: Path, settings: Settings, notes: Notes, progress: Progress
+) -> None:
+    """The layer over a USD scene, and further kinds of texture."""
+    if scene.suffix.lower() in USD_KINDS and settings.usd.layer != "none":
+        from ..usd.layer import write_layer
+
+        progress({"event": "progress", "stage": "layer", "done": 0.0})
+        photometric = settings.light_units != "radiometric"
+        target = work / f"{scene.stem}.lightmap.{settings.usd.layer}"
+        lit = work / f"{glb.stem}.lit.glb"
+        # The layer is written beside its pages but will lie in `folder`, so its paths start from there.
+        write_layer(scene, lit, target, notes, time=settings.usd.time, photometric=photometric, home=folder)
+    if settings.textures.formats:
+        from ..textures.export import export_textures
+
+        progress({"event": "progress", "stage": "textures", "done": 0.0})
+        for page in sorted(work.glob("lightmap_*.exr")):
+            export_textures(page, settings.textures)
+
+
+def _facts(report: dict[str, Any]) -> dict[str, Any]:
+    """Figures of the baker's report that a batch's report shows."""
+    scene, atlas = report.get("scene", {}), report.get("atlas", {})
+    return {
+        "triangles": scene.get("triangles"),
+        "texels": atlas.get("texels"),
+        "baked_s": report.get("total", {}).get("wall_s"),
+        "error_target": report.get("settings", {}).get("error"),
+        "memory_peak_bytes": report.get("memory_peak_bytes"),
+    }
+
+
+def _pairs(notes: list[Note]) -> list[list[str]]:
+    return [[note.place, note.message] for note in notes]
+
+
+def main() -> int:
+    """Runs the task on the standard input. The last line is a result or an error."""
+    task = Task(**json.loads(sys.stdin.readline()))
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+
+    def say(event: program.Event) -> None:
+        print(json.dumps(event), flush=True)
+
+    try:
+        stamp = run_task(task, say)
+    except PipelineError as error:
+        say({"event": "failed", "message": str(error), "exit_code": error.exit_code})
+        return error.exit_code
+    say({"event": "finished", "stamp": asdict(stamp)})
+    return 0
+
+
+def _end_with_parent() -> None:
+    """The batch holds the other end of the standard input: when it is killed, so is this."""
+    with contextlib.suppress(OSError):
+        while sys.stdin.readline():
+            pass
+    if hasattr(os, "killpg") and os.getpgrp() == os.getpid():
+        # The baker is in the same group.
+        os.killpg(0, signal.SIGTERM)
+    os._exit(130)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
