@@ -75,6 +75,16 @@ class Bake:
         if self._job:
             self._job.cancel()
 
+    def export(self, path: Path) -> int:
+        """Writes what would be baked, for a bake elsewhere. Returns the side of the page in texels.
+
+        A picture of the world goes beside it. Raises BakeError if there is nothing to bake.
+        """
+        apply.set_view(self.scene, "ORIGINAL")
+        page, _, writer = self._read(self.scene, path.parent)
+        writer.finish(path)
+        return page.side
+
     def steps(self) -> Generator[None, None, None]:
         """Bakes. Raises BakeError or Cancelled; the scene then shows what it did before."""
         self._folder = Path(tempfile.mkdtemp(prefix="lightkiln-", dir=bpy.app.tempdir or None))

@@ -77,7 +77,9 @@ def bilinear(page: npt.NDArray[np.float32], u: float, v: float) -> npt.NDArray[n
     i, k = int(np.clip(x, 0, width - 2)), int(np.clip(y, 0, height - 2))
     s, t = x - i, y - k
     block = page[k : k + 2, i : i + 2].astype(np.float64)
-    return np.asarray((block[0, 0] * (1 - s) + block[0, 1] * s) * (1 - t) + (block[1, 0] * (1 - s) + block[1, 1] * s) * t)
+    return np.asarray(
+        (block[0, 0] * (1 - s) + block[0, 1] * s) * (1 - t) + (block[1, 0] * (1 - s) + block[1, 1] * s) * t
+    )
 
 
 def middle_of(baked: Baked, prim: str) -> npt.NDArray[np.float64]:

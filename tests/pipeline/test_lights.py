@@ -57,11 +57,21 @@ FORMS = {
         np.pi * 3 * 0.2394565,
     ),
     "rect_normalized": (
-        lamp("RectLight", "float inputs:intensity = 8\nbool inputs:normalize = 1\nfloat inputs:width = 2\nfloat inputs:height = 2", 2.0),
+        lamp(
+            "RectLight",
+            "float inputs:intensity = 8\nbool inputs:normalize = 1\nfloat inputs:width = 2\nfloat inputs:height = 2",
+            2.0,
+        ),
         np.pi * 8 / 4 * 0.2394565,
     ),
-    "rect_exposed": (lamp("RectLight", "float inputs:intensity = 3\nfloat inputs:exposure = 2"), np.pi * 12 * 0.2394565),
-    "rect_diffuse": (lamp("RectLight", "float inputs:intensity = 3\nfloat inputs:diffuse = .5"), np.pi * 1.5 * 0.2394565),
+    "rect_exposed": (
+        lamp("RectLight", "float inputs:intensity = 3\nfloat inputs:exposure = 2"),
+        np.pi * 12 * 0.2394565,
+    ),
+    "rect_diffuse": (
+        lamp("RectLight", "float inputs:intensity = 3\nfloat inputs:diffuse = .5"),
+        np.pi * 1.5 * 0.2394565,
+    ),
     "disk": (lamp("DiskLight", "float inputs:intensity = 3\nfloat inputs:radius = 1"), np.pi * 3 * 0.5),
     "sphere": (lamp("SphereLight", "float inputs:intensity = 30\nfloat inputs:radius = .2", 2.0), np.pi * 30 * 0.01),
     "sphere_normalized": (
@@ -72,8 +82,14 @@ FORMS = {
         lamp("SphereLight", "float inputs:intensity = 30\nfloat inputs:radius = .2\nbool treatAsPoint = 1", 2.0),
         np.pi * 30 * 0.01,
     ),
-    "distant": (lamp("DistantLight", "float inputs:intensity = 1000\nfloat inputs:angle = 10"), 1000 * np.pi * np.sin(np.radians(5)) ** 2),
-    "distant_normalized": (lamp("DistantLight", "float inputs:intensity = 4\nfloat inputs:angle = 10\nbool inputs:normalize = 1"), 4.0),
+    "distant": (
+        lamp("DistantLight", "float inputs:intensity = 1000\nfloat inputs:angle = 10"),
+        1000 * np.pi * np.sin(np.radians(5)) ** 2,
+    ),
+    "distant_normalized": (
+        lamp("DistantLight", "float inputs:intensity = 4\nfloat inputs:angle = 10\nbool inputs:normalize = 1"),
+        4.0,
+    ),
     "distant_parallel": (lamp("DistantLight", "float inputs:intensity = 4\nfloat inputs:angle = 0"), 4.0),
     "dome": (lamp("DomeLight", "float inputs:intensity = 2"), np.pi * 2),
     "cylinder": (
@@ -81,11 +97,18 @@ FORMS = {
         np.pi * 5 * cylinder_factor(0.1, 2.0, 1.0),
     ),
     "cylinder_normalized": (
-        lamp("CylinderLight", "float inputs:intensity = 5\nfloat inputs:radius = .1\nfloat inputs:length = 2\nbool inputs:normalize = 1"),
+        lamp(
+            "CylinderLight",
+            "float inputs:intensity = 5\nfloat inputs:radius = .1\nfloat inputs:length = 2\nbool inputs:normalize = 1",
+        ),
         np.pi * 5 * cylinder_factor(0.1, 2.0, 1.0) / (2 * np.pi * 0.1 * 2),
     ),
     "cone_inside": (
-        tilted("SphereLight", "float inputs:intensity = 40\nfloat inputs:radius = .01\nbool inputs:normalize = 1\nfloat inputs:shaping:cone:angle = 40", 30),
+        tilted(
+            "SphereLight",
+            "float inputs:intensity = 40\nfloat inputs:radius = .01\nbool inputs:normalize = 1\nfloat inputs:shaping:cone:angle = 40",
+            30,
+        ),
         10.0,
     ),
     "cone_soft": (
@@ -98,7 +121,11 @@ FORMS = {
         10.0 * SMOOTH,
     ),
     "focus": (
-        tilted("SphereLight", "float inputs:intensity = 40\nfloat inputs:radius = .01\nbool inputs:normalize = 1\nfloat inputs:shaping:focus = 3", 30),
+        tilted(
+            "SphereLight",
+            "float inputs:intensity = 40\nfloat inputs:radius = .01\nbool inputs:normalize = 1\nfloat inputs:shaping:focus = 3",
+            30,
+        ),
         10.0 * np.cos(np.radians(30)) ** 3,
     ),
     "small_rect_cone": (
@@ -144,7 +171,9 @@ def Xform "Turned" {{
 }}
 over "Floor" {{ token visibility = "invisible" }}
 """
-    body = turned.replace("references = </World/Floor>", "").replace('over "Floor" { token visibility = "invisible" }', "")
+    body = turned.replace("references = </World/Floor>", "").replace(
+        'over "Floor" { token visibility = "invisible" }', ""
+    )
     from stages import FLOOR, bake_stage, write_stage
 
     inner = body.replace('def "Ground" () { }', FLOOR)

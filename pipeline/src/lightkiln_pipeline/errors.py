@@ -1,8 +1,8 @@
 """What can go wrong: faults that stop the work on a scene, and notes on what was left out.
 
-    PipelineError            exit code 1: the scene, or what was asked of it
-    ├─ UsageError            exit code 2: arguments or manifest cannot be understood
-    └─ EnvironmentFault      exit code 3: programs, folders, disk
+PipelineError            exit code 1: the scene, or what was asked of it
+├─ UsageError            exit code 2: arguments or manifest cannot be understood
+└─ EnvironmentFault      exit code 3: programs, folders, disk
 """
 
 from __future__ import annotations

@@ -37,7 +37,9 @@ def program() -> Path:
     candidates = [Path(named)] if named else [Path(sys.executable).parent / name, Path(shutil.which(name) or name)]
     found = next((p for p in candidates if p.is_file()), None)
     if found is None:
-        where = f"LIGHTKILN_BIN names `{named}`, which is no file" if named else "it is neither beside Python nor on PATH"
+        where = (
+            f"LIGHTKILN_BIN names `{named}`, which is no file" if named else "it is neither beside Python nor on PATH"
+        )
         raise EnvironmentFault(f"the baker `lightkiln` was not found: {where}; install it or set LIGHTKILN_BIN")
     return found.resolve()
 

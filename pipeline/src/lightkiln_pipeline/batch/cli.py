@@ -23,7 +23,9 @@ from .manifest import Manifest, load_manifest
 from .plan import Plan, make_plan
 from .run import run, select
 
-app = typer.Typer(no_args_is_help=True, add_completion=False, help="Bakes lightmaps for many scenes, those that changed.")
+app = typer.Typer(
+    no_args_is_help=True, add_completion=False, help="Bakes lightmaps for many scenes, those that changed."
+)
 _err = Console(stderr=True)
 
 ManifestPath = Annotated[Path, typer.Argument(help="The manifest, a TOML file.", metavar="MANIFEST")]
@@ -34,7 +36,12 @@ class _Voice:
 
     def __init__(self, as_json: bool) -> None:
         self._json = as_json
-        columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.fields[stage]}"), TimeElapsedColumn())
+        columns = (
+            TextColumn("{task.description}"),
+            BarColumn(),
+            TextColumn("{task.fields[stage]}"),
+            TimeElapsedColumn(),
+        )
         self._progress = Progress(*columns, console=_err, transient=True, disable=as_json or not _err.is_terminal)
         self._bars: dict[str, Any] = {}
 
@@ -82,7 +89,9 @@ def run_command(
     watch: Annotated[bool, typer.Option("--watch", help="Bake again whenever a file changes, until Ctrl-C.")] = False,
     as_json: Annotated[bool, typer.Option("--json", help="One JSON object per line on the standard output.")] = False,
     executor: Annotated[Literal["local", "dask"], typer.Option(help="Where assets are baked.")] = "local",
-    scheduler: Annotated[str | None, typer.Option(help="Dask scheduler, tcp://host:port; else one is started here.")] = None,
+    scheduler: Annotated[
+        str | None, typer.Option(help="Dask scheduler, tcp://host:port; else one is started here.")
+    ] = None,
 ) -> None:
     """Bake what changed since the last run."""
     if watch and (dry_run or executor == "dask"):
@@ -143,7 +152,9 @@ def schema() -> None:
 
 def manifest_schema() -> str:
     """The JSON Schema of the manifest."""
-    return json.dumps({"$schema": "https://json-schema.org/draft/2020-12/schema", **Manifest.model_json_schema()}, indent=2)
+    return json.dumps(
+        {"$schema": "https://json-schema.org/draft/2020-12/schema", **Manifest.model_json_schema()}, indent=2
+    )
 
 
 def main() -> None:

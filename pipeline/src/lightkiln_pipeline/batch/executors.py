@@ -108,7 +108,9 @@ class LocalExecutor:
         if last.get("event") == "failed":
             return Outcome(task, None, str(last["message"]), int(last["exit_code"]), attempt)
         if timed_out:
-            return Outcome(task, None, f"it took longer than {timeout} s; raise `timeout` or lower the density", 0, attempt)
+            return Outcome(
+                task, None, f"it took longer than {timeout} s; raise `timeout` or lower the density", 0, attempt
+            )
         words = said.result().strip().splitlines()
         reason = f": {words[-1]}" if words else ""
         return Outcome(task, None, f"the worker ended with code {process.returncode}{reason}", 0, attempt)

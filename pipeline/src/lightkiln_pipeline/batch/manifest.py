@@ -30,22 +30,27 @@ class UsdOptions(_Strict):
     """How USD scenes are read."""
 
     level: Annotated[int, Field(ge=0, le=6, description="Refinements of subdivision surfaces.")] = 1
-    purposes: Annotated[list[Literal["default", "render", "proxy", "guide"]], Field(min_length=1)] = ["default", "render"]
+    purposes: Annotated[list[Literal["default", "render", "proxy", "guide"]], Field(min_length=1)] = [
+        "default",
+        "render",
+    ]
     time: Annotated[float | None, Field(description="Time code; the earliest if none is given.")] = None
     variants: Annotated[dict[str, str], Field(description='"/Prim{set}" = "variant".')] = {}
     layer: Annotated[Literal["usdc", "usda", "none"], Field(description="Kind of the layer with the result.")] = "usdc"
 
 
-TextureFormat = Literal["tx", "exr", "hdr", "rgbm", "rgbd", "logluv", "ktx2"]
+TextureFormat = Literal["tx", "exr", "hdr", "rgbm", "rgbd", "logluv"]
 
 
 class TextureOptions(_Strict):
     """Further files that are made of every lightmap page."""
 
     formats: list[TextureFormat] = []
-    range: Annotated[_Positive, Field(description="Largest value of RGBM and of RGBD's 1/D.")] = 8.0
+    range: Annotated[_Positive, Field(description="Largest value that RGBM holds.")] = 8.0
     ocio_config: Annotated[str | None, Field(description="OCIO configuration: a file or ocio://default.")] = None
-    working_space: Annotated[str | None, Field(description="Colour space of the textures in that configuration.")] = None
+    working_space: Annotated[str | None, Field(description="Colour space of the textures in that configuration.")] = (
+        None
+    )
 
     @model_validator(mode="after")
     def _both(self) -> TextureOptions:
@@ -60,7 +65,9 @@ class Settings(_Strict):
     error: Annotated[str | None, Field(pattern=r"^[0-9.]+%?$", description='Error to aim for, "2%" or "0.02".')] = None
     texels_per_metre: _Positive | None = None
     resolution: Annotated[int | None, Field(ge=16, le=16384)] = None
-    uv: Annotated[Literal["auto", "keep", "pack"] | None, Field(description="Not for USD, which is always packed.")] = None
+    uv: Annotated[Literal["auto", "keep", "pack"] | None, Field(description="Not for USD, which is always packed.")] = (
+        None
+    )
     unwrapper: Literal["xatlas", "fast"] | None = None
     padding: Annotated[int | None, Field(ge=0, le=64)] = None
     quantity: Literal["irradiance", "radiance", "radiosity"] | None = None
@@ -84,7 +91,9 @@ class AssetRule(Settings):
 class Manifest(_Strict):
     """A batch."""
 
-    out: Annotated[str, Field(min_length=1, description="Folder for the results, relative to the manifest.")] = "lightmaps"
+    out: Annotated[str, Field(min_length=1, description="Folder for the results, relative to the manifest.")] = (
+        "lightmaps"
+    )
     jobs: Annotated[int, Field(ge=1, le=256, description="Assets at a time.")] = 1
     presets: dict[str, Settings] = {}
     assets: Annotated[list[AssetRule], Field(min_length=1)]

@@ -144,7 +144,10 @@ def _asset_page(row: Row, thumbnail: str) -> str:
         f"<h2>{len(row.stamp.notes)} warnings</h2><ul>",
         *(f"<li><b>{html.escape(place)}</b>: {html.escape(text)}" for place, text in row.stamp.notes),
         "</ul><h2>Files</h2><ul>",
-        *(f'<li><a href="{quote(name)}">{html.escape(name)}</a>, {size:,} bytes' for name, size in row.stamp.files.items()),
+        *(
+            f'<li><a href="{quote(name)}">{html.escape(name)}</a>, {size:,} bytes'
+            for name, size in row.stamp.files.items()
+        ),
         "</ul>",
     ]
     return _page(row.name, "\n".join(lines))

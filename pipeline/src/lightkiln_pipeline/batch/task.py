@@ -1,6 +1,6 @@
 """Bakes one asset, wherever that runs: task → results in their folder. Knows neither queues nor other assets.
 
-    python -m lightkiln_pipeline.batch.task      reads a task as JSON from the standard input, prints JSON lines
+python -m lightkiln_pipeline.batch.task      reads a task as JSON from the standard input, prints JSON lines
 """
 
 from __future__ import annotations
@@ -52,15 +52,15 @@ def run_task(task: Task, progress: Progress) -> Stamp:
         # From an attempt that was killed.
         shutil.rmtree(left, ignore_errors=True)
     try:
-        work.mkdir(parents=True)
-        glb, extra = _prepared(scene, work, settings, notes, progress)
-        result = program.bake(glb, work, [*baker_options(settings), *extra], progress)
+        # What is only made for the baker is no result.
+        made = work / "source"
+        made.mkdir(parents=True)
+        glb, extra = _prepared(scene, made, settings, notes, progress)
+        result = program.bake(glb, work, [*baker_options(settings, scene), *extra], progress)
         for note in result.notes:
             notes.add(note.place, note.message)
-        if glb.parent == work:
-            # What was only made for the baker is no result.
-            glb.unlink()
-        _finish(scene, folder, work, glb, settings, notes, progress)
+        shutil.rmtree(made)
+        _finish(scene, folder, work, settings, notes, progress)
         facts = _facts(result.report)
         stamp = Stamp(task.key, task.scene, task.baker, time.monotonic() - start, {}, _pairs(notes.list()), facts)
         publish(work, folder, stamp)
@@ -71,12 +71,14 @@ def run_task(task: Task, progress: Progress) -> Stamp:
         shutil.rmtree(work, ignore_errors=True)
 
 
-def baker_options(settings: Settings) -> list[str]:
+def baker_options(settings: Settings, scene: Path) -> list[str]:
     """Settings as arguments of `lightkiln bake`."""
+    # The page of a .blend is laid out by the add-on, at the density that is asked for.
+    laid_out = scene.suffix.lower() == ".blend"
     named = {
         "--error": settings.error,
-        "--texels-per-metre": settings.texels_per_metre,
-        "--resolution": settings.resolution,
+        "--texels-per-metre": None if laid_out else settings.texels_per_metre,
+        "--resolution": None if laid_out else settings.resolution,
         "--unwrapper": settings.unwrapper,
         "--padding": settings.padding,
         "--quantity": settings.quantity,
@@ -86,11 +88,10 @@ def baker_options(settings: Settings) -> list[str]:
     return [*options, "--force", *(["--float"] if settings.float_pages else [])]
 
 
-def _prepared(
-    scene: Path, work: Path, settings: Settings, notes: Notes, progress: Progress
-) -> tuple[Path, list[str]]:
-    """The GLB to bake, and options that its kind needs."""
+def _prepared(scene: Path, folder: Path, settings: Settings, notes: Notes, progress: Progress) -> tuple[Path, list[str]]:
+    """The GLB to bake, made in `folder` if it must be, and the options that its kind needs."""
     kind = scene.suffix.lower()
+    glb = folder / f"{scene.stem}.glb"
     if kind in USD_KINDS:
         from ..usd.convert import UsdSettings, convert
 
@@ -98,7 +99,6 @@ def _prepared(
         usd = settings.usd
         units = settings.light_units or "auto"
         wanted = UsdSettings(usd.level, tuple(usd.purposes), usd.time, units, usd.variants)
-        glb = work / f"{scene.stem}.glb"
         for note in convert(scene, glb, wanted).notes:
             notes.add(note.place, note.message)
         return glb, ["--uv", "pack"]
@@ -106,16 +106,16 @@ def _prepared(
         from ..blender import export_blend
 
         progress({"event": "progress", "stage": "convert", "done": 0.0})
-        glb = work / f"{scene.stem}.glb"
-        for note in export_blend(scene, glb):
+        export = export_blend(scene, glb, settings.texels_per_metre)
+        for note in export.notes:
             notes.add(note.place, note.message)
-        return glb, ["--uv", settings.uv] if settings.uv else []
-    units = ["--light-units", settings.light_units] if settings.light_units else []
-    return scene, [*units, *(["--uv", settings.uv] if settings.uv else [])]
+        return glb, ["--uv", "keep", "--resolution", str(export.side)]
+    options = ["--light-units", settings.light_units] if settings.light_units else []
+    return scene, [*options, *(["--uv", settings.uv] if settings.uv else [])]
 
 
 def _finish(
-    scene: Path, folder: Path, work: Path, glb: Path, settings: Settings, notes: Notes, progress: Progress
+    scene: Path, folder: Path, work: Path, settings: Settings, notes: Notes, progress: Progress
 ) -> None:
     """The layer over a USD scene, and further kinds of texture."""
     if scene.suffix.lower() in USD_KINDS and settings.usd.layer != "none":
@@ -124,7 +124,7 @@ def _finish(
         progress({"event": "progress", "stage": "layer", "done": 0.0})
         photometric = settings.light_units != "radiometric"
         target = work / f"{scene.stem}.lightmap.{settings.usd.layer}"
-        lit = work / f"{glb.stem}.lit.glb"
+        lit = work / f"{scene.stem}.lit.glb"
         # The layer is written beside its pages but will lie in `folder`, so its paths start from there.
         write_layer(scene, lit, target, notes, time=settings.usd.time, photometric=photometric, home=folder)
     if settings.textures.formats:

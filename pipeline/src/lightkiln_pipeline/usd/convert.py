@@ -92,7 +92,9 @@ class _Converter:
                 instances += self._add_shape(placement)
         self._add_lights()
         if not instances:
-            self._notes.add(self._scene.path.name, "nothing in it can be baked: no mesh is visible in the chosen purposes")
+            self._notes.add(
+                self._scene.path.name, "nothing in it can be baked: no mesh is visible in the chosen purposes"
+            )
         self._glb.write(target)
         lamps = len(self._lights.lights.lamps) + len(self._lights.lights.tubes)
         return Conversion(len(self._meshes), instances, self._triangles, lamps, self._notes.list())
@@ -146,7 +148,7 @@ class _Converter:
         key = (data_path(prim), wants_map, tuple(s.name for s, _ in parts), light, None if node else placement.path)
         if key not in self._meshes:
             self._meshes[key] = self._mesh(prim, data, parts, light, fixed)
-        extras = {"prim": str(prim.GetPath())}
+        extras: Json = {"prim": str(prim.GetPath())}
         if placement.instancer:
             extras |= {"instancer": placement.instancer, "instance": placement.instance}
         item: Json = {"name": placement.path, **(node or {}), "mesh": self._meshes[key]}

@@ -60,7 +60,7 @@ def linear_texture(texture: Texture) -> tuple[Pixels, bool]:
     if texture.color_space == "sRGB" or (texture.color_space == "auto" and is_byte and channels >= 3):
         color = decode_srgb(color)
     rgba = np.concatenate([color, alpha], axis=2)
-    return np.asarray(rgba * np.float32(texture.scale) + np.float32(texture.bias), np.float32), has_alpha
+    return np.asarray(rgba * np.array(texture.scale) + np.array(texture.bias), np.float32), has_alpha
 
 
 def picked(rgba: Pixels, output: str) -> Pixels:
@@ -70,7 +70,9 @@ def picked(rgba: Pixels, output: str) -> Pixels:
 
 def decode_srgb(values: Pixels) -> Pixels:
     """The sRGB transfer function's way to linear values."""
-    return np.where(values <= 0.04045, values / 12.92, ((np.maximum(values, 0) + 0.055) / 1.055) ** 2.4).astype(np.float32)
+    return np.where(values <= 0.04045, values / 12.92, ((np.maximum(values, 0) + 0.055) / 1.055) ** 2.4).astype(
+        np.float32
+    )
 
 
 def encode_srgb(values: Pixels) -> Pixels:

@@ -184,7 +184,9 @@ class _LayerWriter:
         several = len(mesh.pages) > 1
         for page, (corners, values) in mesh.pages.items():
             if len(corners) and corners.max() >= count:
-                self._notes.add(prim.GetPath(), "its faces have changed since the bake; it gets no lightmap, bake again")
+                self._notes.add(
+                    prim.GetPath(), "its faces have changed since the bake; it gets no lightmap, bake again"
+                )
                 return ""
             number = _page_number(page)
             uv[corners] = values + ((number % 10, number // 10) if several else (0, 0))

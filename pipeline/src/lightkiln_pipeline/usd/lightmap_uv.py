@@ -76,7 +76,9 @@ def _mesh(glb: GlbReader, mesh: Json, origin: Json) -> LitMesh:
             (numbers[kept], np.stack([uv[kept, 0], 1.0 - uv[kept, 1]], axis=1))
         )
         colors.add(_color(material))
-    lit.pages = {page: (np.concatenate([n for n, _ in p]), np.concatenate([u for _, u in p])) for page, p in parts.items()}
+    lit.pages = {
+        page: (np.concatenate([n for n, _ in p]), np.concatenate([u for _, u in p])) for page, p in parts.items()
+    }
     if len(colors) == 1:
         lit.reflectance = colors.pop()
     return lit

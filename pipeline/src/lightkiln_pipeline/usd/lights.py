@@ -221,7 +221,9 @@ class LightReader:
                 raise ImageFault("it was not found")
             pixels, _ = linear_texture(Texture(str(asset.resolvedPath), "rgb"))
         except ImageFault as fault:
-            self._notes.add(prim.GetPath(), f"its texture `{asset.path}` cannot be read ({fault}); it shines in its colour")
+            self._notes.add(
+                prim.GetPath(), f"its texture `{asset.path}` cannot be read ({fault}); it shines in its colour"
+            )
             return np.ones(3)
         self._notes.add(prim.GetPath(), "its texture is baked as its mean colour")
         return np.asarray(pixels[..., :3].reshape(-1, 3).mean(axis=0), np.float64)

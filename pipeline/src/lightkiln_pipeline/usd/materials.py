@@ -91,7 +91,8 @@ class Materials:
             try:
                 data = file_bytes(texture.file)
             except ImageFault as fault:
-                return self._unreadable(texture, fault)
+                self._unreadable(texture, fault)
+                return None
             self._images[key] = self._image(data, "image/jpeg", texture.file)
         return self._info(texture, self._images[key], uv_sets)
 
@@ -142,21 +143,25 @@ class Materials:
         pixels = self._pixels(texture)
         radiance = np.array(surface.emission.value) * self._to_radiance
         if surface.emission.primvar:
-            self._notes.add(surface.name, f"emission from primvars:{surface.emission.primvar} is not baked; use a texture")
+            self._notes.add(
+                surface.name, f"emission from primvars:{surface.emission.primvar} is not baked; use a texture"
+            )
         if texture is not None and pixels is not None:
             values = np.maximum(picked(pixels, texture.output), 0)
             peak = float(values.max())
             if peak > 0:
                 key = ("emission", texture)
                 if key not in self._images:
-                    data = image_bytes(encode_srgb(values / np.float32(peak)), "png")
+                    data = image_bytes(encode_srgb((values / peak).astype(np.float32)), "png")
                     self._images[key] = self._image(data, "image/png", texture.file)
                 material["emissiveTexture"] = self._info(texture, self._images[key], uv_sets)
             radiance = np.full(3, peak * self._to_radiance)
         if light is not None:
             radiance = radiance + np.array(light)
             if material.pop("emissiveTexture", None) is not None:
-                self._notes.add(surface.name, "a mesh light's material has textured emission; only the light's is baked")
+                self._notes.add(
+                    surface.name, "a mesh light's material has textured emission; only the light's is baked"
+                )
                 radiance = np.array(light)
         strength = float(radiance.max())
         if strength > 0:

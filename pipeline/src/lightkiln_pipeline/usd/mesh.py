@@ -102,7 +102,7 @@ def _read_faces(mesh: Any, time: Any, notes: Notes) -> _Source | None:
         notes.add(path, "faceVertexCounts and faceVertexIndices do not match; the mesh is skipped, export it again")
         return None
     finite = np.isfinite(points).all(axis=1)
-    usable = (indices >= 0) & (indices < len(points))
+    usable = np.asarray((indices >= 0) & (indices < len(points)))
     usable[usable] = finite[indices[usable]]
     sound = counts >= 3
     filled = np.flatnonzero(counts > 0)

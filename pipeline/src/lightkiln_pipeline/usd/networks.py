@@ -38,6 +38,7 @@ class Texture:
 
     def scaled(self, factor: float) -> Texture:
         """The texture with all values multiplied."""
+
         def times(v: Vector4) -> Vector4:
             return (v[0] * factor, v[1] * factor, v[2] * factor, v[3])
 

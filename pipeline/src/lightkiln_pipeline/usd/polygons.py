@@ -21,7 +21,7 @@ def face_normals(points: Floats, counts: Ints, indices: Ints) -> Floats:
     """Newell's vector of every face: its normal, twice as long as the face's area."""
     starts = face_starts(counts)
     corners = points[indices]
-    successor = np.arange(len(indices)) + 1
+    successor: Ints = np.arange(len(indices)) + 1
     successor[starts + counts - 1] = starts
     # Relative to the first corner, so that large coordinates cancel early.
     origin = np.repeat(corners[starts], counts, axis=0)
@@ -54,7 +54,8 @@ def triangulate(points: Floats, counts: Ints, indices: Ints) -> tuple[Ints, Ints
 def _concave_faces(points: Floats, counts: Ints, indices: Ints, starts: Ints) -> npt.NDArray[np.bool_]:
     """Faces with a corner that turns against the face's normal."""
     ends = starts + counts - 1
-    successor, predecessor = np.arange(len(indices)) + 1, np.arange(len(indices)) - 1
+    successor: Ints = np.arange(len(indices)) + 1
+    predecessor: Ints = np.arange(len(indices)) - 1
     successor[ends], predecessor[starts] = starts, ends
     corners = points[indices]
     turn = np.cross(corners - corners[predecessor], corners[successor] - corners)

@@ -98,7 +98,9 @@ def _read_profile(prim: Any, shaping: Any, time: Any, notes: Notes) -> Profile |
     if not asset or not asset.path:
         return None
     if not asset.resolvedPath:
-        notes.add(prim.GetPath(), f"its IES profile `{asset.path}` was not found; it shines without, put the file there")
+        notes.add(
+            prim.GetPath(), f"its IES profile `{asset.path}` was not found; it shines without, put the file there"
+        )
         return None
     try:
         profile = parse(file_bytes(asset.resolvedPath).decode("latin-1"))

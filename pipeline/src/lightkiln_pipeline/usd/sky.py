@@ -45,7 +45,7 @@ def environment(scene: Scene, domes: list[tuple[Any, Rgb]], glb: GlbWriter, note
     if not read:
         return None
     if all(dome.pixels is None for dome in read):
-        return {"radiance": [float(x) for x in sum(dome.radiance for dome in read)]}
+        return {"radiance": [float(x) for x in np.sum([dome.radiance for dome in read], axis=0)]}
     first = read[0]
     if len(read) == 1 and np.ptp(first.radiance) <= 1e-6 * first.radiance.max() and _is_native(first.file):
         data, strength, rotation = file_bytes(first.file), float(first.radiance[0]), first.rotation

@@ -59,13 +59,15 @@ def open_scene(path: Path, notes: Notes, *, time: float | None = None, variants:
     try:
         stage = Usd.Stage.Open(str(path), Usd.Stage.LoadAll)
     except Tf.ErrorException as error:
-        raise PipelineError(f"{path}: USD cannot open it: {_reason(error)}; mend the layer or export it again") from error
+        raise PipelineError(
+            f"{path}: USD cannot open it: {_reason(error)}; mend the layer or export it again"
+        ) from error
     finally:
         silence.TakeUncoalescedDiagnostics()
     for key, variant in (variants or {}).items():
         _select(stage, key, variant, notes)
-    for error in stage.GetCompositionErrors():
-        notes.add(*_composition_fault(error, path))
+    for fault in stage.GetCompositionErrors():
+        notes.add(*_composition_fault(fault, path))
     _check_prims(stage, notes)
 
     up = str(UsdGeom.GetStageUpAxis(stage))

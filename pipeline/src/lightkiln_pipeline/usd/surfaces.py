@@ -134,7 +134,9 @@ _MATERIALX = {
 
 def _materialx_surface(name: str, shader: Any, kind: str, time: Any, notes: Notes) -> Surface:
     names = _MATERIALX[kind]
-    notes.add(name, f"of its `{kind}` only constants and plain images are baked; give it a UsdPreviewSurface for the rest")
+    notes.add(
+        name, f"of its `{kind}` only constants and plain images are baked; give it a UsdPreviewSurface for the rest"
+    )
 
     def channel(key: str, default: Any) -> Channel:
         return _channel(follow(shader, key, time, notes), default, shader, notes)
@@ -182,4 +184,3 @@ def _number(shader: Any, key: str, time: Any, default: float) -> float:
     """A constant input, through the interfaces of the material."""
     value = follow(shader, key, time, Notes()).value
     return float(value) if isinstance(value, (int, float)) else default
-

@@ -67,13 +67,17 @@ class Walk:
             if prim.IsA(UsdGeom.PointInstancer):
                 walk.PruneChildren()
                 if instancer:
-                    self.notes.add(prim.GetPath(), "a point instancer inside another's prototype is left out; flatten it")
+                    self.notes.add(
+                        prim.GetPath(), "a point instancer inside another's prototype is left out; flatten it"
+                    )
                 else:
                     yield from self._instances(UsdGeom.PointInstancer(prim), world)
             elif prim.IsA(UsdGeom.Mesh) or any(prim.IsA(s) for s in _SOLIDS) or prim.HasAPI(UsdLux.LightAPI):
                 yield Placement(prim, world, instancer, instance)
             elif prim.IsA(UsdGeom.Gprim) and not any(prim.IsA(s) for s in _SILENT):
-                self.notes.add(prim.GetPath(), f"a `{prim.GetTypeName()}` is no surface that can be baked; it is skipped")
+                self.notes.add(
+                    prim.GetPath(), f"a `{prim.GetTypeName()}` is no surface that can be baked; it is skipped"
+                )
 
     def _relative(self, prim: Any, root: Any) -> Matrix:
         """From the prim to the space that holds `root`."""

@@ -1,0 +1,1 @@
+"""Textures for engines and renderers, made of lightmap pages."""
