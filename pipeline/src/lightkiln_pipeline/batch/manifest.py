@@ -36,6 +36,7 @@ class UsdOptions(_Strict):
     ]
     time: Annotated[float | None, Field(description="Time code; the earliest if none is given.")] = None
     variants: Annotated[dict[str, str], Field(description='"/Prim{set}" = "variant".')] = {}
+    sky_if_unlit: Annotated[float, Field(ge=0, description="Sky of a scene without light, W/(m²·sr).")] = 1.0
     layer: Annotated[Literal["usdc", "usda", "none"], Field(description="Kind of the layer with the result.")] = "usdc"
 
 

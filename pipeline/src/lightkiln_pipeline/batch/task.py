@@ -98,7 +98,7 @@ def _prepared(scene: Path, folder: Path, settings: Settings, notes: Notes, progr
         progress({"event": "progress", "stage": "convert", "done": 0.0})
         usd = settings.usd
         units = settings.light_units or "auto"
-        wanted = UsdSettings(usd.level, tuple(usd.purposes), usd.time, units, usd.variants)
+        wanted = UsdSettings(usd.level, tuple(usd.purposes), usd.time, units, usd.variants, usd.sky_if_unlit)
         for note in convert(scene, glb, wanted).notes:
             notes.add(note.place, note.message)
         return glb, ["--uv", "pack"]

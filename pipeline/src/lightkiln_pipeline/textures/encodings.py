@@ -16,7 +16,7 @@ import numpy.typing as npt
 Pixels = npt.NDArray[np.float64]
 Bytes = npt.NDArray[np.uint8]
 
-LOG_LUV = np.array([[0.2209, 0.3390, 0.4184], [0.1138, 0.6780, 0.7319], [0.0102, 0.1130, 0.2969]])
+LOG_LUV = np.array([[0.2209, 0.1138, 0.0102], [0.3390, 0.6780, 0.1130], [0.4184, 0.7319, 0.2969]])
 """Linear RGB → (X', Y, X + Y + Z)."""
 
 
@@ -51,13 +51,9 @@ def encode_logluv(rgb: Pixels) -> Bytes:
     """LogLuv: a logarithm of the luminance in two bytes, the colour in the other two."""
     mixed = np.maximum(np.maximum(rgb, 0.0) @ LOG_LUV.T, 1e-6)
     luminance = 2.0 * np.log2(mixed[..., 1]) + 127.0
-    fraction = np.floor((luminance - np.floor(luminance)) * 255.0) / 255.0
-    whole = (luminance - fraction) / 255.0
-    # The whole part must be a byte: what rounding takes from it goes into the fraction.
-    whole = np.clip(np.floor(whole * 255.0), 0.0, 255.0) / 255.0
-    fraction = np.clip(luminance - whole * 255.0, 0.0, 1.0)
+    whole = np.clip(np.floor(luminance), 0.0, 255.0)
     colour = mixed[..., :2] / mixed[..., 2:]
-    return _bytes(np.stack([colour[..., 0], colour[..., 1], whole, fraction], axis=-1))
+    return _bytes(np.stack([colour[..., 0], colour[..., 1], whole / 255.0, luminance - whole], axis=-1))
 
 
 def decode_logluv(rgba: Bytes) -> Pixels:

@@ -18,6 +18,7 @@ from pxr import UsdGeom, UsdLux, UsdShade
 from .. import __version__
 from ..errors import Note, Notes
 from ..glb.writer import EXTENSION, GlbWriter, Json
+from .layout import Charts
 from .lights import LUMENS_PER_WATT, LightReader, Tube, emitted
 from .materials import Materials, WrittenMaterial
 from .mesh import MeshData, read_mesh
@@ -45,6 +46,8 @@ class UsdSettings:
     """`photometric`: intensities are nits; `radiometric`: W/(m²·sr); `auto`: as the program that wrote the stage."""
     variants: dict[str, str] = field(default_factory=dict)
     """`/Prim{set}` → variant."""
+    sky_if_unlit: float = 1.0
+    """Radiance of the sky of a scene without light, W/(m²·sr)."""
 
 
 @dataclass(frozen=True)
@@ -76,6 +79,7 @@ class _Converter:
         self._glb = GlbWriter(f"lightkiln-pipeline {__version__}")
         self._materials = Materials(self._glb, self._to_radiance, notes)
         self._lights = LightReader(scene, self._to_radiance, notes)
+        self._charts = Charts()
         self._read: dict[object, MeshData | None] = {}
         self._meshes: dict[object, int] = {}
         self._surfaces: dict[tuple[str, bool], Surface] = {}
@@ -95,9 +99,20 @@ class _Converter:
             self._notes.add(
                 self._scene.path.name, "nothing in it can be baked: no mesh is visible in the chosen purposes"
             )
-        self._glb.write(target)
         lamps = len(self._lights.lights.lamps) + len(self._lights.lights.tubes)
+        self._light_the_unlit(lamps)
+        self._glb.write(target)
         return Conversion(len(self._meshes), instances, self._triangles, lamps, self._notes.list())
+
+    def _light_the_unlit(self, lamps: int) -> None:
+        """A scene without any light gets a sky, as viewers give it a lamp: its lightmap then shows its shading."""
+        glows = any("emissiveFactor" in material for material in self._glb.json.get("materials", []))
+        radiance = self._settings.sky_if_unlit
+        if lamps or glows or radiance <= 0 or "environment" in self._glb.extension:
+            return
+        self._glb.extension["environment"] = {"radiance": [radiance] * 3}
+        message = f"it has no light at all: a uniform sky of {radiance:g} W/(m²·sr) is baked; add a light"
+        self._notes.add(self._scene.path.name, message)
 
     def _add_lights(self) -> None:
         found = self._lights.lights
@@ -180,7 +195,8 @@ class _Converter:
     def _data(self, prim: Any, charts: bool) -> MeshData | None:
         key = (data_path(prim), charts)
         if key not in self._read:
-            self._read[key] = read_mesh(prim, self._scene.time, self._settings.level, self._notes, charts=charts)
+            layout = self._charts if charts else None
+            self._read[key] = read_mesh(prim, self._scene.time, self._settings.level, self._notes, layout)
         return self._read[key]
 
     def _parts(self, prim: Any, data: MeshData) -> list[tuple[Surface, npt.NDArray[np.int64]]]:

@@ -7,6 +7,8 @@ becomes a chart of its own, so that every corner of the source has one coordinat
 
 from __future__ import annotations
 
+import hashlib
+
 import numpy as np
 import numpy.typing as npt
 import xatlas
@@ -17,8 +19,22 @@ Ints = npt.NDArray[np.int64]
 Floats = npt.NDArray[np.float64]
 
 
-def lay_out(points: Floats, counts: Ints, indices: Ints) -> Floats:
-    """Coordinates per corner, (n, 2), in the charts of polygons of three corners or more."""
+class Charts:
+    """Lays meshes out, and equal ones only once: a scene that was put together by reference has many copies."""
+
+    def __init__(self) -> None:
+        """Nothing is laid out yet."""
+        self._known: dict[bytes, Floats] = {}
+
+    def lay_out(self, points: Floats, counts: Ints, indices: Ints) -> Floats:
+        """Coordinates per corner, (n, 2), in the charts of polygons of three corners or more."""
+        digest = hashlib.sha256(b"".join(np.ascontiguousarray(a).tobytes() for a in (points, counts, indices))).digest()
+        if digest not in self._known:
+            self._known[digest] = _laid_out(points, counts, indices)
+        return self._known[digest]
+
+
+def _laid_out(points: Floats, counts: Ints, indices: Ints) -> Floats:
     triangles, faces = triangulate(points, counts, indices)
     sound = _sound(points, indices, triangles)
     uv = np.full((len(indices), 2), np.nan)

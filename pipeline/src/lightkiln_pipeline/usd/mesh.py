@@ -13,7 +13,7 @@ import numpy.typing as npt
 from pxr import UsdGeom
 
 from ..errors import Notes
-from .layout import lay_out
+from .layout import Charts
 from .polygons import face_normals, face_starts, triangulate
 from .solids import solid
 from .subdivision import SCHEMES, Refinement, Topology
@@ -52,14 +52,14 @@ class MeshData:
     """Charts on the source's faces, per corner; islands may lie upon each other."""
 
 
-def read_mesh(prim: Any, time: Any, level: int, notes: Notes, *, charts: bool) -> MeshData | None:
-    """The mesh of a prim, or none if it has no faces. `charts`: lay it out for a lightmap."""
+def read_mesh(prim: Any, time: Any, level: int, notes: Notes, charts: Charts | None) -> MeshData | None:
+    """The mesh of a prim, or none if it has no faces. `charts`: what lays it out for a lightmap, none for no lightmap."""
     made = solid(prim, time)
     if made is not None:
         points, counts, indices, normals = made
-        return _assemble(prim, time, _Source(points, counts, indices, normals), 0, notes, charts=charts)
+        return _assemble(prim, time, _Source(points, counts, indices, normals), 0, notes, charts)
     source = _read_faces(UsdGeom.Mesh(prim), time, notes)
-    return None if source is None else _assemble(prim, time, source, level, notes, charts=charts)
+    return None if source is None else _assemble(prim, time, source, level, notes, charts)
 
 
 @dataclass
@@ -116,7 +116,7 @@ def _read_faces(mesh: Any, time: Any, notes: Notes) -> _Source | None:
     return _Source(points, counts[sound], indices[np.repeat(sound, counts)], None, np.flatnonzero(sound), counts)
 
 
-def _assemble(prim: Any, time: Any, source: _Source, level: int, notes: Notes, *, charts: bool) -> MeshData:
+def _assemble(prim: Any, time: Any, source: _Source, level: int, notes: Notes, charts: Charts | None) -> MeshData:
     is_mesh = prim.IsA(UsdGeom.Mesh)
     scheme = str(UsdGeom.Mesh(prim).GetSubdivisionSchemeAttr().Get(time)) if is_mesh else "none"
     if scheme == "loop" and (source.counts != 3).any():
@@ -124,7 +124,7 @@ def _assemble(prim: Any, time: Any, source: _Source, level: int, notes: Notes, *
         scheme = "catmullClark"
     smooth = scheme in SCHEMES and level > 0
     values = _PrimValues(prim, time, source, notes)
-    layout = lay_out(source.points, source.counts, source.indices) if charts else None
+    layout = charts.lay_out(source.points, source.counts, source.indices) if charts else None
 
     points, counts, indices = source.points, source.counts, source.indices
     authored = values.normals() if is_mesh and scheme == "none" else source.normals
