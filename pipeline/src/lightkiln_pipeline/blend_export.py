@@ -24,8 +24,9 @@ def main(scene: str, target: str, addon: str, density: str) -> None:
     """Exports one file."""
     sys.path.insert(0, addon)
     try:
-        import blender_addon
         import bpy
+
+        import blender_addon
         from blender_addon.bake import Bake
         from blender_addon.errors import BakeError
     except ImportError as error:

@@ -17,11 +17,15 @@ import typer
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
-from ..errors import PipelineError
+from .. import program
+from ..errors import PipelineError, UsageError
+from .bundle import write_bundle
 from .executors import DaskExecutor, Executor, LocalExecutor
 from .manifest import Manifest, load_manifest
-from .plan import Plan, make_plan
-from .run import run, select
+from .plan import Asset, Plan, make_plan
+from .report import Row, write_reports
+from .run import Selection, run, select
+from .task import run_task
 
 app = typer.Typer(
     no_args_is_help=True, add_completion=False, help="Bakes lightmaps for many scenes, those that changed."
@@ -142,6 +146,68 @@ def _wait_for_change(plan: Plan, manifest: Path) -> None:
     _print(f"watching {plan.root}, Ctrl-C ends")
     while look() == before and manifest.is_file():
         time.sleep(1.0)
+
+
+@app.command()
+def asset(
+    manifest: ManifestPath,
+    name: Annotated[str, typer.Argument(help="Name of the asset, as `run --dry-run` lists it.")],
+    openjd: Annotated[bool, typer.Option("--openjd", help="Report progress as Open Job Description wants it.")] = False,
+) -> None:
+    """Bake one asset if it changed: a task of a farm."""
+    plan = make_plan(load_manifest(manifest), manifest)
+    chosen = [a for a in plan.assets if a.name == name]
+    if not chosen:
+        raise UsageError(f"{manifest}: there is no asset `{name}`; those that there are: {_names(plan)}")
+    selection = select(Plan(plan.root, plan.out, chosen), lambda _: None)
+    for row in selection.rows:
+        if row.state == "failed":
+            raise PipelineError(row.message)
+    for task in selection.tasks:
+        run_task(task, _openjd_progress if openjd else lambda _: None)
+    _print(f"{name}: {'baked' if selection.tasks else 'current'}")
+
+
+def _openjd_progress(event: dict[str, Any]) -> None:
+    """Stages follow each other at about these shares of a bake."""
+    if event.get("event") == "progress":
+        begin, end = _SHARES.get(str(event["stage"]), (0.0, 0.0))
+        print(f"openjd_progress: {100 * (begin + (end - begin) * float(event['done'])):.1f}", flush=True)
+        print(f"openjd_status: {event['stage']}", flush=True)
+
+
+_SHARES = {"convert": (0.0, 0.1), "direct": (0.2, 0.4), "solve": (0.4, 0.5), "gather": (0.5, 0.95), "layer": (0.95, 1.0)}
+
+
+@app.command()
+def report(manifest: ManifestPath) -> None:
+    """Write the report of what is there, without baking: the last task of a farm."""
+    plan = make_plan(load_manifest(manifest), manifest)
+    selection = select(plan, lambda _: None)
+    missing = [Row(a.name, a.scene, a.folder, "failed", None, "not baked") for a in plan.assets if _is_stale(a, selection)]
+    write_reports(plan.out, [*selection.rows, *missing], 0.0, program.version(program.program()))
+    if missing or any(row.state == "failed" for row in selection.rows):
+        raise typer.Exit(1)
+
+
+def _is_stale(asset: Asset, selection: Selection) -> bool:
+    return any(task.name == asset.name for task in selection.tasks)
+
+
+def _names(plan: Plan) -> str:
+    names = [a.name for a in plan.assets]
+    return ", ".join(names[:10]) + (" …" if len(names) > 10 else "")
+
+
+@app.command()
+def bundle(
+    manifest: ManifestPath,
+    folder: Annotated[Path, typer.Argument(help="Folder for the job template.")],
+) -> None:
+    """Write the batch as an Open Job Description, for render farms."""
+    target = write_bundle(make_plan(load_manifest(manifest), manifest), manifest, folder)
+    _print(f"{target}: submit its folder to a farm, or run it here:")
+    _print(f"openjd run {target} --parameter Manifest={manifest.resolve()}")
 
 
 @app.command()

@@ -70,7 +70,7 @@ def validation_errors(path: Path) -> set[str]:
     """What UsdValidation calls errors in a file, without its warnings."""
     silence = UsdUtils.CoalescingDiagnosticDelegate()
     context = UsdValidation.ValidationContext(UsdValidation.ValidationRegistry().GetOrLoadAllValidators())
-    found = context.Validate(Usd.Stage.Open(str(path)))
+    found = context.Validate(Usd.Stage.Open(str(path.resolve())))
     silence.TakeUncoalescedDiagnostics()
     severe = [e for e in found if e.GetType() == UsdValidation.ValidationErrorType.Error]
     return {f"{e.GetIdentifier()}: {e.GetMessage()}" for e in severe}
@@ -78,7 +78,7 @@ def validation_errors(path: Path) -> set[str]:
 
 def added_errors(source: Path, layer: Path) -> list[str]:
     """Errors of UsdValidation that the layer has and its source has not."""
-    return sorted(validation_errors(layer) - validation_errors(source))
+    return sorted(validation_errors(layer) - validation_errors(source.resolve()))
 
 
 def _relative(path: Path, folder: Path) -> str:
