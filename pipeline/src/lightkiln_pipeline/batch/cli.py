@@ -207,7 +207,7 @@ def bundle(
     """Write the batch as an Open Job Description, for render farms."""
     target = write_bundle(make_plan(load_manifest(manifest), manifest), manifest, folder)
     _print(f"{target}: submit its folder to a farm, or run it here:")
-    _print(f"openjd run {target} --parameter Manifest={manifest.resolve()}")
+    _print(f"openjd run {target} -p Manifest={manifest.resolve()}")
 
 
 @app.command()

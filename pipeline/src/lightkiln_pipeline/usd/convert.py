@@ -26,7 +26,7 @@ from .placement import node_transform
 from .sky import environment
 from .solids import tube
 from .stage import Scene, open_scene
-from .surfaces import Channel, Color, Surface, read_surface, unbound_surface
+from .surfaces import UNBOUND, UNBOUND_IN_BLENDER, Channel, Color, Surface, read_surface, unbound_surface
 from .walk import Placement, Walk, data_path, inherited
 
 CORNER = "_CORNER"
@@ -220,7 +220,7 @@ class _Converter:
             if direct and direct.GetTargets():
                 target = direct.GetTargets()[0]
                 self._notes.add(prim.GetPath(), f"its material {target} does not exist; the display colour is baked")
-            return unbound_surface(painted)
+            return unbound_surface(painted, UNBOUND_IN_BLENDER if self._scene.blender else UNBOUND)
         key = (str(material.GetPath()), painted)
         if key not in self._surfaces:
             self._surfaces[key] = read_surface(material, self._scene.time, self._notes, has_display_color=painted)
@@ -229,7 +229,7 @@ class _Converter:
     def _mesh_light(self, placement: Placement, data: MeshData) -> Color:
         """Radiance of a mesh light, W/(m²·sr)."""
         prim = placement.prim
-        radiance = emitted(prim, self._scene.time, self._to_radiance)
+        radiance = emitted(self._scene, prim, self._to_radiance)
         if UsdLux.LightAPI(prim).GetNormalizeAttr().Get(self._scene.time):
             world = data.points @ placement.world[:3, :3].T
             a, b, c = (world[data.corner_points[data.triangles[:, i]]] for i in range(3))
@@ -245,10 +245,13 @@ class _Converter:
         fixed: npt.NDArray[np.float64] | None,
     ) -> int:
         mode = str(UsdLux.LightAPI(prim).GetMaterialSyncModeAttr().Get()) if light is not None else ""
+        # Faces without material have two sides in Blender, which does not say so.
+        said = UsdGeom.Gprim(prim).GetDoubleSidedAttr().HasAuthoredValue()
+        double_sided = data.double_sided or (self._scene.blender and not said)
         primitives = []
         for surface, triangles in parts:
             shown, added = _lit_surface(surface, light, mode)
-            material = self._materials.write(shown, double_sided=data.double_sided, light=added)
+            material = self._materials.write(shown, double_sided=double_sided, light=added)
             primitives.append(self._primitive(prim, data, material, triangles, fixed))
         return self._glb.push("meshes", {"name": prim.GetName(), "primitives": primitives})
 

@@ -61,11 +61,13 @@ class Lights:
     """Dome prims and their radiance."""
 
 
-def emitted(prim: Any, time: Any, to_radiance: float) -> Rgb:
+def emitted(scene: Scene, prim: Any, to_radiance: float) -> Rgb:
     """A light's radiance before normalize: intensity · 2^exposure · color · temperature · diffuse, W/(m²·sr)."""
-    light = UsdLux.LightAPI(prim)
+    light, time = UsdLux.LightAPI(prim), scene.time
     color = np.array(light.GetColorAttr().Get(time), np.float64)
-    if light.GetEnableColorTemperatureAttr().Get(time):
+    # Blender (5.0) switches the temperature on for all lamps, but writes it only if it is not 6500 K, its default.
+    is_default = scene.blender and not light.GetColorTemperatureAttr().HasAuthoredValue()
+    if light.GetEnableColorTemperatureAttr().Get(time) and not is_default:
         kelvin = float(light.GetColorTemperatureAttr().Get(time))
         color = color * np.array(UsdLux.BlackbodyTemperatureAsRgb(kelvin))
     strength = float(light.GetIntensityAttr().Get(time)) * 2.0 ** float(light.GetExposureAttr().Get(time))
@@ -106,7 +108,7 @@ class LightReader:
                 self._notes.add(prim.GetPath(), "light and shadow linking are left out; it lights everything")
 
     def _radiance(self, prim: Any) -> Rgb:
-        return emitted(prim, self._scene.time, self._to_radiance)
+        return emitted(self._scene, prim, self._to_radiance)
 
     def _normalized(self, prim: Any) -> bool:
         return bool(UsdLux.LightAPI(prim).GetNormalizeAttr().Get(self._scene.time))

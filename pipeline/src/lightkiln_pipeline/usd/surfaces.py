@@ -25,8 +25,9 @@ _PREVIEW_DEFAULTS: dict[str, Any] = {
     "opacityThreshold": 0.0,
     "useSpecularWorkflow": 0,
 }
-# Hydra's colour for surfaces that say nothing.
+# Colours of surfaces that say nothing: Hydra's, and Blender's, which does not write its default material.
 UNBOUND = (0.5, 0.5, 0.5)
+UNBOUND_IN_BLENDER = (0.8, 0.8, 0.8)
 
 
 @dataclass
@@ -51,9 +52,9 @@ class Surface:
     opacity_threshold: float = 0.0
 
 
-def unbound_surface(has_display_color: bool) -> Surface:
-    """The surface of a prim without material: its display colour."""
-    return Surface("displayColor", Channel(UNBOUND, primvar="displayColor" if has_display_color else None))
+def unbound_surface(has_display_color: bool, color: Color = UNBOUND) -> Surface:
+    """The surface of a prim without material: its display colour, else `color`."""
+    return Surface("displayColor", Channel(color, primvar="displayColor" if has_display_color else None))
 
 
 def read_surface(material: Any, time: Any, notes: Notes, *, has_display_color: bool) -> Surface:
