@@ -28,7 +28,8 @@ def Mesh "Floor" {
 
 
 def write_stage(path: Path, body: str, *, metres: float = 1.0, up: str = "Y") -> Path:
-    """A stage with prims inside /World."""
+    """A stage with prims inside /World. USD wants a line for every brace; tests may do without."""
+    body = body.replace("{ ", "{\n").replace(" }", "\n}")
     text = HEADER.format(metres=metres, up=up) + f'def Xform "World" {{\n{body}\n}}\n'
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(text, encoding="utf-8")

@@ -5,6 +5,7 @@ In: .usd, .usda, .usdc or .usdz. Out: the stage with metres, up axis and time re
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -92,9 +93,9 @@ def _select(stage: Any, key: str, variant: str, notes: Notes) -> None:
 
 
 def _reason(error: Any) -> str:
-    """USD's own words, without its file names and line numbers."""
-    text = str(error).strip().splitlines()[-1].strip()
-    return text.rsplit(" -- ", 1)[-1]
+    """USD's own words, without the places in its source."""
+    words = re.findall(r"Error in .*? in file \S+ : '(.*?)\s*'?\s*$", str(error), re.MULTILINE)
+    return str(words[0]) if words else str(error).strip()
 
 
 def _composition_fault(error: Any, path: Path) -> tuple[str, str]:
