@@ -2,22 +2,25 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
+import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Generator, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from dataclasses import asdict, dataclass
 from queue import Empty, SimpleQueue
+from threading import Event
 from typing import Any, Protocol
 
 from ..errors import EnvironmentFault, PipelineError
 from .stamp import Stamp
 from .task import Task, run_task
 
-Event = dict[str, Any]
+Message = dict[str, Any]
 
 
 @dataclass(frozen=True)
@@ -32,10 +35,13 @@ class Outcome:
     attempts: int = 1
 
 
+Items = Generator["tuple[Task, Message] | Outcome", None, None]
+
+
 class Executor(Protocol):
     """Runs tasks."""
 
-    def run(self, tasks: Sequence[Task], stop_on_failure: bool) -> Iterator[tuple[Task, Event] | Outcome]:
+    def run(self, tasks: Sequence[Task], stop_on_failure: bool) -> Items:
         """Yields progress as (task, event), and an outcome per task that was started."""
 
 
@@ -46,10 +52,11 @@ class LocalExecutor:
         """`jobs`: tasks at a time."""
         self._jobs = jobs
         self._processes: set[subprocess.Popen[str]] = set()
+        self._ending = Event()
 
-    def run(self, tasks: Sequence[Task], stop_on_failure: bool) -> Iterator[tuple[Task, Event] | Outcome]:
+    def run(self, tasks: Sequence[Task], stop_on_failure: bool) -> Items:
         """See Executor."""
-        events: SimpleQueue[tuple[Task, Event]] = SimpleQueue()
+        events: SimpleQueue[tuple[Task, Message]] = SimpleQueue()
         waiting, running = list(reversed(tasks)), set[Future[Outcome]]()
         with ThreadPoolExecutor(self._jobs) as pool:
             try:
@@ -65,25 +72,26 @@ class LocalExecutor:
                         yield outcome
             finally:
                 # Interrupted: what runs is ended, what is finished stays.
+                self._ending.set()
                 for process in list(self._processes):
-                    process.terminate()
+                    _end(process)
 
-    def _attempts(self, task: Task, events: SimpleQueue[tuple[Task, Event]]) -> Outcome:
+    def _attempts(self, task: Task, events: SimpleQueue[tuple[Task, Message]]) -> Outcome:
         """Runs a task again after a crash or a timeout; a fault that it reports itself would only come again."""
         retries = int(task.settings.get("retries", 1))
         for attempt in range(1, retries + 2):
             outcome = self._attempt(task, events, attempt)
-            if outcome.stamp is not None or outcome.exit_code != 0:
+            if outcome.stamp is not None or outcome.exit_code != 0 or self._ending.is_set():
                 return outcome
         return Outcome(task, None, f"{outcome.message}; tried {attempt} times", 1, attempt)
 
-    def _attempt(self, task: Task, events: SimpleQueue[tuple[Task, Event]], attempt: int) -> Outcome:
+    def _attempt(self, task: Task, events: SimpleQueue[tuple[Task, Message]], attempt: int) -> Outcome:
         command = [sys.executable, "-m", "lightkiln_pipeline.batch.task"]
         pipes: dict[str, Any] = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
         process = subprocess.Popen(command, text=True, encoding="utf-8", start_new_session=os.name != "nt", **pipes)
         self._processes.add(process)
         timeout, start = task.settings.get("timeout"), time.monotonic()
-        last: Event = {}
+        last: Message = {}
         timed_out = False
         try:
             assert process.stdin is not None and process.stdout is not None and process.stderr is not None
@@ -116,7 +124,7 @@ class LocalExecutor:
         return Outcome(task, None, f"the worker ended with code {process.returncode}{reason}", 0, attempt)
 
 
-def _drained(events: SimpleQueue[tuple[Task, Event]]) -> Iterator[tuple[Task, Event]]:
+def _drained(events: SimpleQueue[tuple[Task, Message]]) -> Iterator[tuple[Task, Message]]:
     while True:
         try:
             yield events.get_nowait()
@@ -128,6 +136,15 @@ def _end_after(process: subprocess.Popen[str], seconds: float) -> None:
     try:
         process.wait(seconds)
     except subprocess.TimeoutExpired:
+        _end(process)
+
+
+def _end(process: subprocess.Popen[str]) -> None:
+    """Ends a worker and its baker, which are a group where the system has groups."""
+    if hasattr(os, "killpg"):
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(process.pid, signal.SIGTERM)
+    else:
         process.terminate()
 
 
@@ -147,7 +164,7 @@ class DaskExecutor:
             raise EnvironmentFault(f"no Dask scheduler answers at {scheduler}: {error}") from error
         self._cluster = cluster
 
-    def run(self, tasks: Sequence[Task], stop_on_failure: bool) -> Iterator[tuple[Task, Event] | Outcome]:
+    def run(self, tasks: Sequence[Task], stop_on_failure: bool) -> Items:
         """See Executor. Workers that die are replaced by Dask, which then runs their task again."""
         from distributed import as_completed
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -61,15 +62,16 @@ def run(plan: Plan, selection: Selection, executor: Executor, say: Say, *, keep_
     if not keep_going and any(row.state == "failed" for row in rows):
         tasks = []
     try:
-        for item in executor.run(tasks, not keep_going) if tasks else ():
-            if isinstance(item, Outcome):
-                row = _finished(assets[item.task.name], item)
-                rows.append(row)
-                say(_summary(row))
-            else:
-                task, event = item
-                if event.get("event") in ("progress", "warning"):
-                    say({**event, "asset": task.name})
+        with contextlib.closing(executor.run(tasks, not keep_going)) as items:
+            for item in items:
+                if isinstance(item, Outcome):
+                    row = _finished(assets[item.task.name], item)
+                    rows.append(row)
+                    say(_summary(row))
+                else:
+                    task, event = item
+                    if event.get("event") in ("progress", "warning"):
+                        say({**event, "asset": task.name})
     finally:
         # Also after Ctrl-C: the report tells what was finished.
         done = {row.name for row in rows}

@@ -120,8 +120,13 @@ def source_files(path: Path) -> list[Path]:
     What cannot be found is not listed; when it appears, the list changes, and with it a cache key made of it.
     """
     silence = UsdUtils.CoalescingDiagnosticDelegate()
-    layers, assets, _ = UsdUtils.ComputeAllDependencies(Sdf.AssetPath(str(path)))
-    silence.TakeUncoalescedDiagnostics()
+    try:
+        layers, assets, _ = UsdUtils.ComputeAllDependencies(Sdf.AssetPath(str(path)))
+    except Tf.ErrorException:
+        # A broken layer: opening the scene will say so.
+        layers, assets = [], []
+    finally:
+        silence.TakeUncoalescedDiagnostics()
     found = {Path(layer.realPath) for layer in layers if layer.realPath}
     for asset in assets:
         # Files inside a package are named package[file].

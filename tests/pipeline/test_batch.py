@@ -1,0 +1,215 @@
+"""Batches as users run them: only what changed, failures, kills, Dask and Open Job Description."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from stages import FLOOR, write_stage
+
+ROOT = Path(__file__).resolve().parents[2]
+MANIFEST = """
+out = "baked"
+jobs = 2
+[[assets]]
+scenes = ["*.usda", "kit/*.glb"]
+error = "10%"
+texels_per_metre = 20
+"""
+LAMP = 'def SphereLight "Lamp" { float inputs:intensity = 100\n double3 xformOp:translate = (0, 2, 0)\n uniform token[] xformOpOrder = ["xformOp:translate"] }'
+
+
+def command(*arguments: str | Path) -> list[str]:
+    """The batch's command line."""
+    return [sys.executable, "-c", "from lightkiln_pipeline.batch.cli import main; main()", *map(str, arguments)]
+
+
+def batch(*arguments: str | Path, expect: int = 0) -> list[dict[str, Any]]:
+    """Runs to the end; the JSON lines."""
+    done = subprocess.run(command(*arguments), capture_output=True, text=True, timeout=300, check=False)
+    assert done.returncode == expect, done.stderr
+    return [json.loads(line) for line in done.stdout.splitlines() if line.startswith("{")]
+
+
+def states(events: list[dict[str, Any]]) -> dict[str, str]:
+    """The last state of every asset."""
+    return {e["name"]: e["state"] for e in events if e["event"] == "asset"}
+
+
+@pytest.fixture
+def show(tmp_path: Path) -> Path:
+    """A manifest with three USD scenes, two of which share a layer, and a GLB."""
+    write_stage(tmp_path / "shared" / "floor.usda", FLOOR)
+    for name in ("one", "two"):
+        write_stage(tmp_path / f"{name}.usda", f'def Xform "F" (references = @./shared/floor.usda@) {{ }}\n{LAMP}')
+    write_stage(tmp_path / "three.usda", FLOOR + LAMP)
+    (tmp_path / "kit").mkdir()
+    (tmp_path / "kit" / "box.glb").write_bytes((ROOT / "scenes/kaykit/box_small.gltf.glb").read_bytes())
+    path = tmp_path / "batch.toml"
+    path.write_text(MANIFEST)
+    return path
+
+
+ALL = {"one", "two", "three", "kit/box"}
+
+
+def test_only_what_changed_is_baked(show: Path) -> None:
+    folder = show.parent
+    events = batch("run", show, "--json")
+    assert states(events) == dict.fromkeys(ALL, "baked")
+    assert any(e["event"] == "progress" and e["stage"] == "gather" and e["asset"] == "one" for e in events)
+    assert states(batch("run", show, "--json")) == dict.fromkeys(ALL, "current")
+
+    (folder / "three.usda").touch()
+    assert states(batch("run", show, "--json")) == dict.fromkeys(ALL, "current")
+
+    shared = folder / "shared" / "floor.usda"
+    shared.write_text(shared.read_text().replace("(0, 0, 0)]", "(0.5, 0, 0)]"))
+    assert states(batch("run", show, "--json", "--dry-run"))["one"] == "would bake"
+    after = states(batch("run", show, "--json"))
+    assert after == {"one": "baked", "two": "baked", "three": "current", "kit/box": "current"}
+
+    (folder / "baked" / "three" / "lightmap_0.exr").unlink()
+    assert states(batch("run", show, "--json"))["three"] == "baked"
+
+    show.write_text(MANIFEST.replace("20", "21"))
+    assert states(batch("run", show, "--json")) == dict.fromkeys(ALL, "baked")
+
+
+def test_results_and_reports_are_there(show: Path) -> None:
+    batch("run", show)
+    out = show.parent / "baked"
+    assert {"lightmap_0.exr", "one.lit.glb", "one.lightmap.usdc", "report.json", "batch.html", "batch.json"} <= {
+        p.name for p in (out / "one").iterdir()
+    }
+    page = (out / "report.html").read_text()
+    assert "kit/box" in page and "data:image/png;base64," in page
+    data = json.loads((out / "report.json").read_text())
+    assert {a["name"]: a["state"] for a in data["assets"]} == dict.fromkeys(ALL, "baked")
+    assert not list(out.rglob(".*partial*")), "nothing half-done stays behind"
+
+
+def test_a_failure_is_named_and_the_batch_goes_on(show: Path) -> None:
+    (show.parent / "broken.usda").write_text("#usda 1.0\ndef {")
+    (show.parent / "kit" / "torn.glb").write_bytes(b"glTF\x02\0\0\0")
+    events = batch("run", show, "--json", "--keep-going", expect=1)
+    assert states(events) == {**dict.fromkeys(ALL, "baked"), "broken": "failed", "kit/torn": "failed"}
+    message = next(e["message"] for e in events if e["event"] == "asset" and e.get("name") == "broken" and e["state"] == "failed")
+    assert "broken.usda" in message
+    assert "broken" in (show.parent / "baked" / "report.html").read_text()
+
+
+def test_without_keep_going_nothing_new_starts_after_a_failure(show: Path) -> None:
+    (show.parent / "a_broken.usda").write_text("#usda 1.0\ndef {")
+    events = batch("run", show, "--json", "--jobs", "1", expect=1)
+    assert states(events)["a_broken"] == "failed"
+    assert "baked" not in states(events).values()
+
+
+def test_exit_codes(show: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    batch("run", tmp_path / "none.toml", expect=2)
+    batch("run", show, "--no-such-option", expect=2)
+    monkeypatch.setenv("LIGHTKILN_BIN", str(tmp_path / "no-baker"))
+    batch("run", show, expect=3)
+
+
+def slow(show: Path) -> None:
+    """Makes one asset take many seconds."""
+    text = (show.parent / "three.usda").read_text()
+    (show.parent / "zlong.usda").write_text(text.replace("SphereLight", "DiskLight"))
+    big = MANIFEST + '[[assets]]\nscenes = ["zlong.usda"]\nerror = "0.1%"\ntexels_per_metre = 40000\n'
+    show.write_text(big)
+
+
+def wait_for(path: Path, seconds: float = 60) -> None:
+    """Waits until a file is there."""
+    end = time.monotonic() + seconds
+    while not path.is_file():
+        assert time.monotonic() < end, f"{path} did not appear"
+        time.sleep(0.05)
+
+
+@pytest.mark.skipif(os.name == "nt", reason="signals of POSIX")
+@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGINT])
+def test_what_was_finished_survives_the_end_of_the_batch(show: Path, how: signal.Signals) -> None:
+    slow(show)
+    running = subprocess.Popen(command("run", show), stderr=subprocess.DEVNULL, start_new_session=True)
+    for name in ALL:
+        wait_for(show.parent / "baked" / name / "batch.json")
+    running.send_signal(how)
+    assert running.wait(60) == (130 if how == signal.SIGINT else -signal.SIGKILL)
+    before = states(batch("run", show, "--json", "--dry-run"))
+    assert before == {**dict.fromkeys(ALL, "current"), "zlong": "would bake"}
+
+
+@pytest.mark.skipif(not Path("/proc").is_dir(), reason="finds processes in /proc")
+def test_a_killed_worker_is_tried_again(show: Path) -> None:
+    show.write_text(MANIFEST.replace("jobs = 2", "jobs = 1"))
+    running = subprocess.Popen(command("run", show, "--json"), stdout=subprocess.PIPE, text=True)
+    assert running.stdout is not None
+    killed = False
+    lines = []
+    for line in running.stdout:
+        lines.append(json.loads(line))
+        if not killed and lines[-1]["event"] == "progress":
+            killed = kill_workers(running.pid)
+    assert running.wait(120) == 0
+    assert killed
+    assert states(lines) == dict.fromkeys(ALL, "baked")
+    report = json.loads((show.parent / "baked" / "report.json").read_text())
+    assert max(a["attempts"] for a in report["assets"]) == 2
+
+
+def kill_workers(parent: int) -> bool:
+    """SIGKILL to the batch's own children."""
+    children = []
+    for task in Path(f"/proc/{parent}/task").iterdir():
+        children += (task / "children").read_text().split()
+    for child in children:
+        os.kill(int(child), signal.SIGKILL)
+    return bool(children)
+
+
+def test_another_baker_is_refused(show: Path) -> None:
+    from lightkiln_pipeline.batch.task import Task, run_task
+    from lightkiln_pipeline.errors import EnvironmentFault
+
+    task = Task("one", str(show.parent / "one.usda"), str(show.parent / "baked/one"), "key", "lightkiln 0.0.0", {})
+    with pytest.raises(EnvironmentFault, match=r"the batch lightkiln 0\.0\.0"):
+        run_task(task, lambda _: None)
+
+
+def test_dask_gives_the_same_bits(show: Path) -> None:
+    pytest.importorskip("distributed")
+    batch("run", show)
+    pages = {p.relative_to(show.parent): p.read_bytes() for p in (show.parent / "baked").rglob("lightmap_*.exr")}
+    assert pages
+    for name in ALL:
+        (show.parent / "baked" / name / "batch.json").unlink()
+    assert states(batch("run", show, "--json", "--executor", "dask")) == dict.fromkeys(ALL, "baked")
+    assert {p: (show.parent / p).read_bytes() for p in pages} == pages
+
+
+def test_bundle_is_accepted_and_runs(show: Path, tmp_path: Path) -> None:
+    pytest.importorskip("openjd.cli")
+    batch("bundle", show, tmp_path / "job")
+    template = tmp_path / "job" / "template.json"
+    path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+    openjd = [sys.executable, "-m", "openjd"]
+    environment = {**os.environ, "PATH": path}
+    check = subprocess.run([*openjd, "check", template], capture_output=True, text=True, env=environment, check=False)
+    assert check.returncode == 0, check.stdout + check.stderr
+    ran = subprocess.run(
+        [*openjd, "run", template, "-p", f"Manifest={show}"], capture_output=True, text=True, env=environment, check=False
+    )
+    assert ran.returncode == 0, ran.stdout + ran.stderr
+    report = json.loads((show.parent / "baked" / "report.json").read_text())
+    assert {a["name"]: a["state"] for a in report["assets"]} == dict.fromkeys(ALL, "current")
