@@ -22,6 +22,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 DEPS = ROOT / ".deps"
 VENV_PYTHON = DEPS / "venv" / ("Scripts/python.exe" if os.name == "nt" else "bin/python")
+PIPELINE = DEPS / "pipeline"
 REQUIREMENTS = ROOT / "tests" / "python" / "requirements.txt"
 NPM_FILES = [ROOT / "tests" / "web" / name for name in ("package.json", "package-lock.json", ".npmrc")]
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
@@ -98,6 +99,21 @@ def prepare_browser() -> None:
     call("apt-get", "install", "--yes", "--quiet", "--no-install-recommends", "chromium")
 
 
+def pipeline_tests() -> None:
+    """The Python package with the packages that it needs: types and tests."""
+    python = PIPELINE / VENV_PYTHON.relative_to(DEPS / "venv")
+    requirements, package = ROOT / "tests" / "pipeline" / "requirements.txt", ROOT / "pipeline"
+
+    def install() -> None:
+        call(sys.executable, "-m", "venv", "--clear", "--without-pip", PIPELINE)
+        pip = (sys.executable, "-m", "pip", "--python", str(python), "install", "--quiet")
+        call(*pip, "-r", requirements, "-e", package)
+
+    install_once(PIPELINE, [requirements, package / "pyproject.toml"], install)
+    call(python, "-m", "mypy", cwd=ROOT / "pipeline")
+    call(python, "-m", "pytest", "-q", cwd=ROOT / "pipeline")
+
+
 def blender_tests() -> None:
     """The add-on's tests in bpy, or word that this machine cannot have it."""
     command = [sys.executable, str(ROOT / "tests" / "blender" / "run.py")]
@@ -121,6 +137,7 @@ SECTIONS: list[tuple[str, Callable[[], None]]] = [
     ("Build", lambda: call("cargo", "build", "--release", "--locked")),
     ("Rust tests", lambda: call("cargo", "test", "--release", "--locked")),
     ("Python tests", lambda: call(VENV_PYTHON, "-m", "pytest")),
+    ("Pipeline", pipeline_tests),
     ("Blender tests", blender_tests),
     ("Rust lints", lambda: call("cargo", "clippy", "--release", "--locked", "--all-targets", "--", "-D", "warnings")),
 ]

@@ -24,7 +24,13 @@ scenes = ["*.usda", "kit/*.glb"]
 error = "10%"
 texels_per_metre = 20
 """
-LAMP = 'def SphereLight "Lamp" { float inputs:intensity = 100\n double3 xformOp:translate = (0, 2, 0)\n uniform token[] xformOpOrder = ["xformOp:translate"] }'
+LAMP = """
+def SphereLight "Lamp" {
+    float inputs:intensity = 100
+    double3 xformOp:translate = (0, 2, 0)
+    uniform token[] xformOpOrder = ["xformOp:translate"]
+}
+"""
 
 
 def command(*arguments: str | Path) -> list[str]:
@@ -102,7 +108,9 @@ def test_a_failure_is_named_and_the_batch_goes_on(show: Path) -> None:
     (show.parent / "kit" / "torn.glb").write_bytes(b"glTF\x02\0\0\0")
     events = batch("run", show, "--json", "--keep-going", expect=1)
     assert states(events) == {**dict.fromkeys(ALL, "baked"), "broken": "failed", "kit/torn": "failed"}
-    message = next(e["message"] for e in events if e["event"] == "asset" and e.get("name") == "broken" and e["state"] == "failed")
+    message = next(
+        e["message"] for e in events if e["event"] == "asset" and e.get("name") == "broken" and e["state"] == "failed"
+    )
     assert "broken.usda" in message
     assert "broken" in (show.parent / "baked" / "report.html").read_text()
 
@@ -208,7 +216,11 @@ def test_bundle_is_accepted_and_runs(show: Path, tmp_path: Path) -> None:
     check = subprocess.run([*openjd, "check", template], capture_output=True, text=True, env=environment, check=False)
     assert check.returncode == 0, check.stdout + check.stderr
     ran = subprocess.run(
-        [*openjd, "run", template, "-p", f"Manifest={show}"], capture_output=True, text=True, env=environment, check=False
+        [*openjd, "run", template, "-p", f"Manifest={show}"],
+        capture_output=True,
+        text=True,
+        env=environment,
+        check=False,
     )
     assert ran.returncode == 0, ran.stdout + ran.stderr
     report = json.loads((show.parent / "baked" / "report.json").read_text())

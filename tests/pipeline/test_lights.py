@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from pxr import UsdLux
 
-from lightkiln_pipeline.usd.convert import UsdSettings
-from stages import irradiance
+from lightkiln_pipeline.usd.convert import UsdSettings, convert
+from stages import FLOOR, bake_stage, irradiance, middle_of, write_stage
 
 TOLERANCE = 0.005
 
@@ -29,8 +29,9 @@ def {kind} "Lamp" {schemas} {{
 
 def tilted(kind: str, attributes: str, angle: float, api: str = "ShapingAPI") -> str:
     """A light one metre above the floor whose axis is `angle` degrees off the vertical."""
-    order = 'double xformOp:rotateZ = {a}\n uniform token[] xformOpOrder = ["xformOp:translate", "xformOp:rotateZ", "xformOp:rotateX"]'
-    return lamp(kind, attributes, 1.0, api, order.replace("{a}", str(angle)))
+    order = '["xformOp:translate", "xformOp:rotateZ", "xformOp:rotateX"]'
+    extra = f"double xformOp:rotateZ = {angle}\n uniform token[] xformOpOrder = {order}"
+    return lamp(kind, attributes, 1.0, api, extra)
 
 
 def cylinder_factor(radius: float, length: float, height: float) -> float:
@@ -44,6 +45,8 @@ def cylinder_factor(radius: float, length: float, height: float) -> float:
     return float(out.sum() * (length / 2000) * (radius * 2 * np.pi / 720))
 
 
+# A small normalized sphere: 40/4 W/sr to all sides.
+POINT = "float inputs:intensity = 40\nfloat inputs:radius = .01\nbool inputs:normalize = 1\n"
 SMOOTH = 1 - (0.5**2 * (3 - 2 * 0.5))
 FORMS = {
     "rect": (lamp("RectLight", "float inputs:intensity = 3"), np.pi * 3 * 0.2394565),
@@ -106,7 +109,7 @@ FORMS = {
     "cone_inside": (
         tilted(
             "SphereLight",
-            "float inputs:intensity = 40\nfloat inputs:radius = .01\nbool inputs:normalize = 1\nfloat inputs:shaping:cone:angle = 40",
+            POINT + "float inputs:shaping:cone:angle = 40",
             30,
         ),
         10.0,
@@ -123,7 +126,7 @@ FORMS = {
     "focus": (
         tilted(
             "SphereLight",
-            "float inputs:intensity = 40\nfloat inputs:radius = .01\nbool inputs:normalize = 1\nfloat inputs:shaping:focus = 3",
+            POINT + "float inputs:shaping:focus = 3",
             30,
         ),
         10.0 * np.cos(np.radians(30)) ** 3,
@@ -131,7 +134,8 @@ FORMS = {
     "small_rect_cone": (
         tilted(
             "RectLight",
-            "float inputs:intensity = 40\nfloat inputs:width = .01\nfloat inputs:height = .01\nbool inputs:normalize = 1\n"
+            "float inputs:intensity = 40\nbool inputs:normalize = 1\n"
+            "float inputs:width = .01\nfloat inputs:height = .01\n"
             "float inputs:shaping:cone:angle = 40\nfloat inputs:shaping:cone:softness = .5",
             30,
         ),
@@ -161,23 +165,76 @@ def test_colour_temperature_tints(tmp_path: Path) -> None:
 
 def test_centimetres_and_z_up(tmp_path: Path) -> None:
     """The same lamp in another frame: everything a hundred times larger, up along Z."""
-    turned = f"""
+    body = f"""
 def Xform "Turned" {{
     double xformOp:rotateX = 90
     float3 xformOp:scale = (100, 100, 100)
     uniform token[] xformOpOrder = ["xformOp:rotateX", "xformOp:scale"]
     {lamp("RectLight", "float inputs:intensity = 3")}
-    def "Ground" (references = </World/Floor>) {{ }}
+    {FLOOR}
 }}
-over "Floor" {{ token visibility = "invisible" }}
 """
-    body = turned.replace("references = </World/Floor>", "").replace(
-        'over "Floor" { token visibility = "invisible" }', ""
-    )
-    from stages import FLOOR, bake_stage, write_stage
+    stage = write_stage(tmp_path / "scene.usda", body, metres=0.01, up="Z")
+    baked = bake_stage(stage, "--texels-per-metre", "100")
+    measured = middle_of(baked, "/World/Turned/Floor")
+    assert measured == pytest.approx([np.pi * 3 * 0.2394565] * 3, rel=TOLERANCE)
 
-    inner = body.replace('def "Ground" () { }', FLOOR)
-    stage = write_stage(tmp_path / "scene.usda", inner, metres=0.01, up="Z")
-    page = bake_stage(stage, "--texels-per-metre", "100").page()
-    middle = page[page.shape[0] // 2, page.shape[1] // 2]
-    assert middle == pytest.approx([np.pi * 3 * 0.2394565] * 3, rel=TOLERANCE)
+
+# A lamp that was measured: 100 cd along its axis, falling linearly to nothing at 60°.
+IES = "IESNA:LM-63-2002\nTILT=NONE\n1 -1 1 4 1 1 2 0 0 0\n1 1 0\n0 30 60 90\n0\n100 50 0 0\n"
+
+
+def test_ies_profile_multiplies_and_normalizes(tmp_path: Path) -> None:
+    (tmp_path / "lamp.ies").write_text(IES)
+    shaped = POINT + "asset inputs:shaping:ies:file = @lamp.ies@"
+    measured = irradiance(tmp_path, tilted("SphereLight", shaped, 15))
+    assert measured == pytest.approx([10.0 * 75] * 3, rel=TOLERANCE)
+    # The mean over the sphere by hand: ½ ∫ (100 − 100 θ/60°) sin θ dθ.
+    limit = np.pi / 3
+    mean = 0.5 * 100 * (1 - np.cos(limit) - (np.sin(limit) - limit * np.cos(limit)) / limit)
+    measured = irradiance(tmp_path, tilted("SphereLight", shaped + "\nbool inputs:shaping:ies:normalize = 1", 15))
+    assert measured == pytest.approx([10.0 * 75 / mean] * 3, rel=TOLERANCE)
+
+
+def test_ies_angles_scale(tmp_path: Path) -> None:
+    (tmp_path / "lamp.ies").write_text(IES)
+    shaped = POINT + "asset inputs:shaping:ies:file = @lamp.ies@\nfloat inputs:shaping:ies:angleScale = .5"
+    measured = irradiance(tmp_path, tilted("SphereLight", shaped, 15))
+    assert measured == pytest.approx([10.0 * 50] * 3, rel=TOLERANCE)
+
+
+def test_focus_tint_keeps_its_colour_off_the_axis(tmp_path: Path) -> None:
+    shaped = POINT + "float inputs:shaping:focus = 3\ncolor3f inputs:shaping:focusTint = (1, .5, 0)"
+    factor = np.cos(np.radians(30)) ** 3
+    tint = np.array([1, 0.5, 0])
+    measured = irradiance(tmp_path, tilted("SphereLight", shaped, 30))
+    assert measured == pytest.approx(10.0 * (tint + (1 - tint) * factor), rel=TOLERANCE)
+
+
+def test_mesh_light(tmp_path: Path) -> None:
+    """A square metre that shines down, one metre above; its own colour counts, not that of a material."""
+    body = """
+def Mesh "Panel" (prepend apiSchemas = ["MeshLightAPI"]) {
+    uniform token subdivisionScheme = "none"
+    int[] faceVertexCounts = [4]
+    int[] faceVertexIndices = [0, 1, 2, 3]
+    point3f[] points = [(-.5, 1, -.5), (.5, 1, -.5), (.5, 1, .5), (-.5, 1, .5)]
+    float inputs:intensity = 3
+    bool primvars:lightkiln:lightmap = 0
+}
+"""
+    assert irradiance(tmp_path, body) == pytest.approx([np.pi * 3 * 0.2394565] * 3, rel=TOLERANCE)
+
+
+def test_lights_that_cannot_be_expressed_are_named(tmp_path: Path) -> None:
+    body = (
+        FLOOR
+        + 'def GeometryLight "Old" { }\n'
+        + 'def RectLight "Zero" { float inputs:width = 0 }\n'
+        + 'def SphereLight "Gone" { asset inputs:shaping:ies:file = @gone.ies@ }\n'
+        + 'def DomeLight "Sky" { asset inputs:texture:file = @gone.exr@ }\n'
+    )
+    stage = write_stage(tmp_path / "scene.usda", body)
+    done = convert(stage, tmp_path / "scene.glb", UsdSettings())
+    places = {n.place for n in done.notes}
+    assert {"/World/Old", "/World/Zero", "/World/Gone", "/World/Sky"} <= places

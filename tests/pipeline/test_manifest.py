@@ -45,7 +45,12 @@ FAULTS = {
     "unknown_nested": ('[[assets]]\nscenes = ["a.glb"]\n[assets.usd]\nlevle = 3\n', 4, "unknown key `levle`", "level"),
     "unknown_inline": ('[[assets]]\nscenes = ["a.glb"]\nusd = {levle = 3}\n', 3, "unknown key `levle`", "level"),
     "unknown_top": ('outt = "x"\n[[assets]]\nscenes = ["a.glb"]\n', 1, "unknown key `outt`", "out"),
-    "wrong_type": ('[[assets]]\nscenes = ["a.glb"]\n[[assets]]\nscenes = ["b"]\nresolution = "big"\n', 5, "assets.1.resolution", "integer"),
+    "wrong_type": (
+        '[[assets]]\nscenes = ["a.glb"]\n[[assets]]\nscenes = ["b"]\nresolution = "big"\n',
+        5,
+        "assets.1.resolution",
+        "integer",
+    ),
     "out_of_range": ('jobs = 0\n[[assets]]\nscenes = ["a.glb"]\n', 1, "jobs", "greater than or equal to 1"),
     "missing": ('[[assets]]\npreset = "x"\n', 1, "`assets.0.scenes` is missing", "add it"),
     "no_preset": ('[[assets]]\nscenes = ["a"]\npreset = "x"\n', 1, "preset `x` does not exist", "none"),
@@ -109,7 +114,9 @@ def test_a_glob_without_scenes_is_an_error(tmp_path: Path) -> None:
 def test_the_cache_key_follows_content_not_times(tmp_path: Path) -> None:
     plan = plan_of(tmp_path, "a.gltf")
     scene = tmp_path / "a.gltf"
-    scene.write_text('{"images": [{"uri": "t%20x.png"}], "extensions": {"LIGHTKILN_scene": {"environment": {"image": "sky.exr"}}}}')
+    scene.write_text(
+        '{"images": [{"uri": "t%20x.png"}], "extensions": {"LIGHTKILN_scene": {"environment": {"image": "sky.exr"}}}}'
+    )
     (tmp_path / "t x.png").write_bytes(b"1")
 
     def key(baker: str = "lightkiln 1") -> str:

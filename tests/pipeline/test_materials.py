@@ -25,6 +25,8 @@ def Mesh "Quad" (prepend apiSchemas = ["MaterialBindingAPI"]) {
 }
 """
 
+DIFFUSE = "color3f inputs:diffuseColor.connect = </World/Mat/T.outputs:rgb>"
+
 
 def material(inputs: str, nodes: str = "") -> str:
     """A material with one UsdPreviewSurface."""
@@ -93,6 +95,7 @@ def picture(glb: GlbReader, index: int, tmp_path: Path) -> np.ndarray:
     config = oiio.ImageSpec()
     config.attribute("oiio:UnassociatedAlpha", 1)
     file = oiio.ImageInput.open(str(path), config)
+    assert file is not None
     return np.asarray(file.read_image(oiio.FLOAT)).reshape(file.spec().height, file.spec().width, -1)
 
 
@@ -127,13 +130,19 @@ def test_unauthored_inputs_are_the_specification_s(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("kind", "space", "stored", "linear"),
-    [("uint8", "auto", 0.5, 0.21404), ("uint8", "raw", 0.5, 0.5), ("half", "auto", 0.5, 0.5), ("half", "sRGB", 0.5, 0.21404)],
+    [
+        ("uint8", "auto", 0.5, 0.21404),
+        ("uint8", "raw", 0.5, 0.5),
+        ("half", "auto", 0.5, 0.5),
+        ("half", "sRGB", 0.5, 0.21404),
+    ],
 )
 def test_colour_spaces_scale_and_bias(tmp_path: Path, kind: str, space: str, stored: float, linear: float) -> None:
     file = "t.png" if kind == "uint8" else "t.exr"
     write_image(tmp_path / file, np.full((4, 4, 3), stored), kind)
-    inputs = f'token inputs:sourceColorSpace = "{space}"\nfloat4 inputs:scale = (.5, 1, 1, 1)\nfloat4 inputs:bias = (.1, 0, 0, 0)'
-    glb, _ = converted(tmp_path, material("color3f inputs:diffuseColor.connect = </World/Mat/T.outputs:rgb>", texture(file, inputs)))
+    inputs = f'token inputs:sourceColorSpace = "{space}"\n'
+    inputs += "float4 inputs:scale = (.5, 1, 1, 1)\nfloat4 inputs:bias = (.1, 0, 0, 0)"
+    glb, _ = converted(tmp_path, material(DIFFUSE, texture(file, inputs)))
     values = picture(glb, 0, tmp_path)[0, 0]
     assert values[:3] == pytest.approx([srgb(0.5 * linear + 0.1), srgb(linear), srgb(linear)], abs=0.006)
 
@@ -158,7 +167,7 @@ def test_emissive_textures_keep_values_above_one(tmp_path: Path) -> None:
     pixels = np.ones((2, 2, 3))
     pixels[0, 0] = (8, 4, 2)
     write_image(tmp_path / "t.exr", pixels, "float")
-    glb, _ = converted(tmp_path, material("color3f inputs:emissiveColor.connect = </World/Mat/T.outputs:rgb>", texture("t.exr")))
+    glb, _ = converted(tmp_path, material(DIFFUSE.replace("diffuse", "emissive"), texture("t.exr")))
     made = glb.items("materials")[0]
     strength = made["extensions"]["KHR_materials_emissive_strength"]["emissiveStrength"]
     stored = picture(glb, made["emissiveTexture"]["index"], tmp_path)
@@ -171,7 +180,7 @@ def test_transform2d_moves_the_same_point_to_the_same_texel(tmp_path: Path) -> N
     write_image(tmp_path / "t.png", np.full((4, 4, 3), 0.5))
     transform = "float inputs:rotation = 30\nfloat2 inputs:scale = (2, 3)\nfloat2 inputs:translation = (.1, .2)"
     nodes = texture("t.png", "", transform)
-    glb, _ = converted(tmp_path, material("color3f inputs:diffuseColor.connect = </World/Mat/T.outputs:rgb>", nodes))
+    glb, _ = converted(tmp_path, material(DIFFUSE, nodes))
     info = glb.items("materials")[0]["pbrMetallicRoughness"]["baseColorTexture"]["extensions"]["KHR_texture_transform"]
     angle, (ox, oy), (sx, sy) = info["rotation"], info["offset"], info["scale"]
     cos, sin = np.cos(angle), np.sin(angle)
@@ -199,10 +208,10 @@ def test_primvar_colours_become_vertex_colours(tmp_path: Path) -> None:
 
 FAULTS: dict[str, tuple[str, str]] = {
     "was not found": (
-        material("color3f inputs:diffuseColor.connect = </World/Mat/T.outputs:rgb>", texture("gone.png", "float4 inputs:fallback = (.9, 0, 0, 1)")),
+        material(DIFFUSE, texture("gone.png", "float4 inputs:fallback = (.9, 0, 0, 1)")),
         "gone.png",
     ),
-    "UDIM tiles": (material("color3f inputs:diffuseColor.connect = </World/Mat/T.outputs:rgb>", texture("t.<UDIM>.png")), "UDIM"),
+    "UDIM tiles": (material(DIFFUSE, texture("t.<UDIM>.png")), "UDIM"),
     "is not read; the display colour is baked": (
         material("").replace("UsdPreviewSurface", "MyRendererSurface"),
         "MyRendererSurface",
@@ -221,7 +230,7 @@ def test_what_cannot_be_read_is_named(tmp_path: Path, message: str) -> None:
 
 def test_a_broken_picture_is_named(tmp_path: Path) -> None:
     (tmp_path / "t.png").write_bytes(b"no picture")
-    _, done = converted(tmp_path, material("color3f inputs:diffuseColor.connect = </World/Mat/T.outputs:rgb>", texture("t.png")))
+    _, done = converted(tmp_path, material(DIFFUSE, texture("t.png")))
     assert any("cannot be read" in n.message and "t.png" in n.place for n in done.notes), done.notes
 
 

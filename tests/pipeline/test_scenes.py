@@ -22,7 +22,8 @@ def Mesh "Box" {
     uniform token subdivisionScheme = "none"
     int[] faceVertexCounts = [4, 4, 4, 4, 4, 4]
     int[] faceVertexIndices = [0, 2, 3, 1, 4, 5, 7, 6, 0, 1, 5, 4, 2, 6, 7, 3, 0, 4, 6, 2, 1, 3, 7, 5]
-    point3f[] points = [(-1, -1, -1), (1, -1, -1), (-1, 1, -1), (1, 1, -1), (-1, -1, 1), (1, -1, 1), (-1, 1, 1), (1, 1, 1)]
+    point3f[] points = [(-1, -1, -1), (1, -1, -1), (-1, 1, -1), (1, 1, -1),
+        (-1, -1, 1), (1, -1, 1), (-1, 1, 1), (1, 1, 1)]
 }
 """
 SKY = 'def DomeLight "Sky" { float inputs:intensity = 1 }'
@@ -188,7 +189,9 @@ def test_round_trip_of_instances(tmp_path: Path) -> None:
         assert prim.GetAttribute("lightkiln:lightmap:quantity").Get() == "irradiance"
         places.add((round(float(u), 4), round(float(v), 4)))
     assert len(places) == 4, "every instance has a place of its own"
-    world = UsdGeom.XformCache().GetLocalToWorldTransform(lit.GetPrimAtPath("/World/Many_lightmapped/instance_2/prototype/Box"))
+    world = UsdGeom.XformCache().GetLocalToWorldTransform(
+        lit.GetPrimAtPath("/World/Many_lightmapped/instance_2/prototype/Box")
+    )
     assert list(world.Transform((1, 1, 1))) == pytest.approx([8.5, 0.5, 6.5])
 
 
@@ -254,7 +257,9 @@ def test_dome_pictures_keep_their_orientation(tmp_path: Path) -> None:
     picture = oiio.ImageBuf(spec)
     picture.set_pixels(spec.roi, sky)
     assert picture.write(str(tmp_path / "sky.exr"))
-    wall = FLOOR.replace('"Floor" {', '"Floor" {\n double xformOp:rotateZ = {angle}\n uniform token[] xformOpOrder = ["xformOp:rotateZ"]')
+    wall = FLOOR.replace(
+        '"Floor" {', '"Floor" {\n double xformOp:rotateZ = {angle}\n uniform token[] xformOpOrder = ["xformOp:rotateZ"]'
+    )
     received = {}
     for axis, angle in (("+X", -90), ("-X", 90)):
         body = wall.replace("{angle}", str(angle)) + 'def DomeLight "Sky" { asset inputs:texture:file = @../sky.exr@ }'

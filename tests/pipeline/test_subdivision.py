@@ -21,7 +21,9 @@ def topology(vertices: int, faces: np.ndarray, creases: tuple[list[list[int]], l
     return Topology(vertices, counts, faces.ravel(), edges, np.array(creases[1]), none.astype(np.int64), none)
 
 
-def refined(points: np.ndarray, mesh: Topology, levels: int, scheme: str = "catmullClark", boundary: str = "edgeAndCorner"):
+def refined(
+    points: np.ndarray, mesh: Topology, levels: int, scheme: str = "catmullClark", boundary: str = "edgeAndCorner"
+) -> tuple[np.ndarray, Topology]:
     """Points and topology after some levels."""
     for _ in range(levels):
         step = Refinement(mesh, scheme, boundary)
@@ -43,7 +45,13 @@ def test_cube_corner_goes_to_its_limit() -> None:
 def test_regular_grid_reproduces_planes_and_keeps_its_corners() -> None:
     side = 4
     points = np.array([[x, y, 2 * x - y] for y in range(side) for x in range(side)], dtype=np.float64)
-    faces = np.array([[r * side + c, r * side + c + 1, (r + 1) * side + c + 1, (r + 1) * side + c] for r in range(3) for c in range(3)])
+    faces = np.array(
+        [
+            [r * side + c, r * side + c + 1, (r + 1) * side + c + 1, (r + 1) * side + c]
+            for r in range(3)
+            for c in range(3)
+        ]
+    )
     fine, mesh = refined(points, topology(16, faces), 2)
     assert fine[:, 2] == pytest.approx(2 * fine[:, 0] - fine[:, 1], abs=1e-12)
     assert fine[[0, 3, 12, 15], :2] == pytest.approx(np.array([[0, 0], [3, 0], [0, 3], [3, 3]]))

@@ -33,6 +33,7 @@ def page(tmp_path: Path) -> Path:
 def test_mipmapped_textures_are_tiled_halves(page: Path, kind: str) -> None:
     (made,) = export_textures(page, TextureOptions(formats=[kind]))  # type: ignore[list-item]
     file = oiio.ImageInput.open(str(made))
+    assert file is not None
     spec = file.spec()
     assert file.format_name() == "openexr"
     assert (spec.tile_width, spec.tile_height, str(spec.format)) == (64, 64, "half")
@@ -56,7 +57,9 @@ def test_radiance_hdr_keeps_the_brightest_channel(page: Path) -> None:
 ])  # fmt: skip
 def test_documented_decode_gives_the_page_back(page: Path, kind: str, decode, tolerance: float) -> None:  # type: ignore[no-untyped-def]
     (made,) = export_textures(page, TextureOptions(formats=[kind], range=8.0))  # type: ignore[list-item]
-    stored = np.asarray(oiio.ImageInput.open(str(made), _raw()).read_image(oiio.UINT8))
+    file = oiio.ImageInput.open(str(made), _raw())
+    assert file is not None
+    stored = np.asarray(file.read_image(oiio.UINT8))
     wanted = read_rgb(page)
     bright = wanted.max(axis=-1) > 0.1
     # Relative to the brightest channel, which is what eight bits are shared out by.
@@ -74,7 +77,9 @@ def _raw() -> oiio.ImageSpec:
 def test_working_space_is_that_of_the_configuration(page: Path) -> None:
     options = TextureOptions(formats=["exr"], ocio_config="ocio://default", working_space="ACEScg")
     (made,) = export_textures(page, options)
-    to_acescg = np.array([[0.613097, 0.339523, 0.047379], [0.070194, 0.916354, 0.013452], [0.020616, 0.109570, 0.869815]])
+    to_acescg = np.array(
+        [[0.613097, 0.339523, 0.047379], [0.070194, 0.916354, 0.013452], [0.020616, 0.109570, 0.869815]]
+    )
     assert read_rgb(made) == pytest.approx(read_rgb(page) @ to_acescg.T, rel=2e-3)
 
 

@@ -24,9 +24,8 @@ def main(scene: str, target: str, addon: str, density: str) -> None:
     """Exports one file."""
     sys.path.insert(0, addon)
     try:
-        import bpy
-
         import blender_addon
+        import bpy
         from blender_addon.bake import Bake
         from blender_addon.errors import BakeError
     except ImportError as error:

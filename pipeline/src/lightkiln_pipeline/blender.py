@@ -1,7 +1,7 @@
 """Scenes of Blender: a .blend file → the GLB that the add-on's exporter makes of it, by a Python that has `bpy`.
 
-That Python is named in LIGHTKILN_BPY_PYTHON, else it is this one. The add-on's folder is named in LIGHTKILN_ADDON, else it
-lies beside this package's source. The .blend is read and never saved.
+That Python is named in LIGHTKILN_BPY_PYTHON, else it is this one. The add-on's folder is named in LIGHTKILN_ADDON,
+else it lies beside this package's source. The .blend is read and never saved.
 """
 
 from __future__ import annotations

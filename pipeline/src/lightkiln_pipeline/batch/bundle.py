@@ -1,7 +1,8 @@
-"""A batch as an Open Job Description: plan → a job template that render farms and `openjd run` execute, a task per asset.
+"""A batch as an Open Job Description: plan → a job template that render farms and `openjd run` execute, a task per
+asset.
 
-Every task is `lightkiln-batch asset MANIFEST NAME`, which skips what is current: a job that broke off can be sent again.
-Specification: https://github.com/OpenJobDescription/openjd-specifications, jobtemplate-2023-09.
+Every task is `lightkiln-batch asset MANIFEST NAME`, which skips what is current: a job that broke off can be sent
+again. Specification: https://github.com/OpenJobDescription/openjd-specifications, jobtemplate-2023-09.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """The command `lightkiln-batch`: a manifest → lightmaps for what changed.
 
-Standard output: with --json one object per line. Standard error: text for people. Exit codes: 0 done, 1 some assets failed,
-2 arguments or manifest, 3 environment, 130 interrupted.
+Standard output: with --json one object per line. Standard error: text for people. Exit codes: 0 done, 1 some assets
+failed, 2 arguments or manifest, 3 environment, 130 interrupted.
 """
 
 from __future__ import annotations
@@ -176,7 +176,13 @@ def _openjd_progress(event: dict[str, Any]) -> None:
         print(f"openjd_status: {event['stage']}", flush=True)
 
 
-_SHARES = {"convert": (0.0, 0.1), "direct": (0.2, 0.4), "solve": (0.4, 0.5), "gather": (0.5, 0.95), "layer": (0.95, 1.0)}
+_SHARES = {
+    "convert": (0.0, 0.1),
+    "direct": (0.2, 0.4),
+    "solve": (0.4, 0.5),
+    "gather": (0.5, 0.95),
+    "layer": (0.95, 1.0),
+}
 
 
 @app.command()
@@ -184,7 +190,9 @@ def report(manifest: ManifestPath) -> None:
     """Write the report of what is there, without baking: the last task of a farm."""
     plan = make_plan(load_manifest(manifest), manifest)
     selection = select(plan, lambda _: None)
-    missing = [Row(a.name, a.scene, a.folder, "failed", None, "not baked") for a in plan.assets if _is_stale(a, selection)]
+    missing = [
+        Row(a.name, a.scene, a.folder, "failed", None, "not baked") for a in plan.assets if _is_stale(a, selection)
+    ]
     write_reports(plan.out, [*selection.rows, *missing], 0.0, program.version(program.program()))
     if missing or any(row.state == "failed" for row in selection.rows):
         raise typer.Exit(1)

@@ -1,6 +1,7 @@
 """The manifest of a batch: TOML → checked settings. Every fault is named with its line and remedy.
 
-The models below are the schema; `lightkiln-batch schema` prints it as JSON Schema, and manifest.schema.json holds a copy.
+The models below are the schema; `lightkiln-batch schema` prints it as JSON Schema, and manifest.schema.json holds a
+copy.
 """
 
 from __future__ import annotations

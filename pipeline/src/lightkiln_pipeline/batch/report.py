@@ -20,11 +20,15 @@ from .stamp import Stamp, write_atomically
 ASSET_PAGE = "batch.html"
 _THUMBNAIL = 160
 _STYLE = """
-body { font: 15px/1.5 system-ui, sans-serif; margin: 2rem auto; max-width: 70rem; padding: 0 1rem; color: #222; background: #fafafa }
-table { border-collapse: collapse; width: 100% } td, th { text-align: left; padding: .4rem .8rem; border-bottom: 1px solid #ddd }
-td.number { text-align: right; font-variant-numeric: tabular-nums } img { display: block; max-height: 80px }
-.failed { color: #b00020; font-weight: 600 } .baked { color: #1b6e2f } .current { color: #666 } ul { padding-left: 1.2rem }
-@media (prefers-color-scheme: dark) { body { color: #ddd; background: #1b1b1b } td, th { border-color: #444 } a { color: #8bf } }
+body { font: 15px/1.5 system-ui, sans-serif; margin: 2rem auto; max-width: 70rem; padding: 0 1rem }
+body { color: #222; background: #fafafa } img { display: block; max-height: 80px }
+table { border-collapse: collapse; width: 100% }
+td, th { text-align: left; padding: .4rem .8rem; border-bottom: 1px solid #ddd }
+.failed { color: #b00020; font-weight: 600 } .baked { color: #1b6e2f } .current { color: #666 }
+ul { padding-left: 1.2rem }
+@media (prefers-color-scheme: dark) {
+  body { color: #ddd; background: #1b1b1b } td, th { border-color: #444 } a { color: #8bf }
+}
 """
 
 
@@ -110,9 +114,11 @@ def _page(title: str, body: str) -> str:
 
 def _overview(out: Path, rows: Sequence[Row], thumbnails: dict[str, str], seconds: float, baker: str) -> str:
     counts = {state: sum(row.state == state for row in rows) for state in ("baked", "current", "failed")}
-    summary = f"{counts['baked']} baked, {counts['current']} unchanged, {counts['failed']} failed in {seconds:.1f} s with {baker}"
+    done = f"{counts['baked']} baked, {counts['current']} unchanged, {counts['failed']} failed"
+    summary = f"{done} in {seconds:.1f} s with {baker}"
     lines = [
-        f"<p>{html.escape(summary)}</p><table><tr><th>Lightmap<th>Asset<th>State<th>Time<th>Texels<th>Error aimed for<th>Warnings"
+        f"<p>{html.escape(summary)}</p>",
+        "<table><tr><th>Lightmap<th>Asset<th>State<th>Time<th>Texels<th>Error aimed for<th>Warnings",
     ]
     # Failures first: they are what one looks for in the morning.
     for row in sorted(rows, key=lambda r: (r.state != "failed", r.name)):

@@ -88,7 +88,9 @@ def baker_options(settings: Settings, scene: Path) -> list[str]:
     return [*options, "--force", *(["--float"] if settings.float_pages else [])]
 
 
-def _prepared(scene: Path, folder: Path, settings: Settings, notes: Notes, progress: Progress) -> tuple[Path, list[str]]:
+def _prepared(
+    scene: Path, folder: Path, settings: Settings, notes: Notes, progress: Progress
+) -> tuple[Path, list[str]]:
     """The GLB to bake, made in `folder` if it must be, and the options that its kind needs."""
     kind = scene.suffix.lower()
     glb = folder / f"{scene.stem}.glb"
@@ -114,9 +116,7 @@ def _prepared(scene: Path, folder: Path, settings: Settings, notes: Notes, progr
     return scene, [*options, *(["--uv", settings.uv] if settings.uv else [])]
 
 
-def _finish(
-    scene: Path, folder: Path, work: Path, settings: Settings, notes: Notes, progress: Progress
-) -> None:
+def _finish(scene: Path, folder: Path, work: Path, settings: Settings, notes: Notes, progress: Progress) -> None:
     """The layer over a USD scene, and further kinds of texture."""
     if scene.suffix.lower() in USD_KINDS and settings.usd.layer != "none":
         from ..usd.layer import write_layer

@@ -1,8 +1,8 @@
 """A USD scene → the GLB that the baker reads, and notes on what was left out.
 
-In: a stage on disk and settings. Out: one file with meshes, materials, lamps and sky in the LIGHTKILN_scene contract. Mesh
-nodes carry `extras.lightkiln` with the prim that they come from, and vertices the corner of it, so that the lightmap's
-coordinates find their way back (see layer.py).
+In: a stage on disk and settings. Out: one file with meshes, materials, lamps and sky in the LIGHTKILN_scene contract.
+Mesh nodes carry `extras.lightkiln` with the prim that they come from, and vertices the corner of it, so that the
+lightmap's coordinates find their way back (see layer.py).
 """
 
 from __future__ import annotations

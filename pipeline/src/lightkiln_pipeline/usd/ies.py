@@ -89,7 +89,7 @@ def parse(text: str) -> Profile:
 
 
 def rescaled(profile: Profile, angle_scale: float) -> Profile:
-    """The profile with UsdLux's angleScale: vertical angles spread from the axis, or for negative scales from behind."""
+    """The profile with UsdLux's angleScale: its vertical angles spread from the axis, if negative from behind."""
     if angle_scale == 0:
         return profile
     if angle_scale > 0:

@@ -51,7 +51,7 @@ def _read(file: str) -> tuple[Pixels, bool]:
 
 
 def linear_texture(texture: Texture) -> tuple[Pixels, bool]:
-    """What a UsdUVTexture gives, RGBA with its scale and bias, and whether the picture has an alpha. Raises ImageFault."""
+    """What a UsdUVTexture gives: RGBA with its scale and bias, and whether there is an alpha. Raises ImageFault."""
     pixels, is_byte = read_pixels(texture.file)
     channels = pixels.shape[2]
     color = np.repeat(pixels[..., :1], 3, axis=2) if channels < 3 else pixels[..., :3]

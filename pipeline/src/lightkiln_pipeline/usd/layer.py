@@ -1,8 +1,9 @@
-"""The lightmap as a layer over the source: a lit GLB and its pages → one .usda that refers to the source and changes nothing.
+"""The lightmap as a layer over the source: a lit GLB and its pages → one .usda that refers to the source and changes
+nothing.
 
-Per lightmapped mesh `primvars:lightmapUV` and `lightkiln:lightmap:*` (file, quantity, unit); on every root a variant set
-`lightmap` whose variant `preview` shows it in usdview. Instances become single (`instanceable = false`), and point
-instancers a group of references, because every copy has its own part of the lightmap. No geometry is copied.
+Per lightmapped mesh `primvars:lightmapUV` and `lightkiln:lightmap:*` (file, quantity, unit); on every root a variant
+set `lightmap` whose variant `preview` shows it in usdview. Instances become single (`instanceable = false`), and
+point instancers a group of references, because every copy has its own part of the lightmap. No geometry is copied.
 """
 
 from __future__ import annotations
@@ -38,8 +39,8 @@ def write_layer(
 ) -> None:
     """Writes `target`, which refers to the source and to the pages beside `lit_glb`.
 
-    `time`: the time code that was baked. `photometric`: the preview shows nits. `home`: the folder that target and pages
-    will be moved to.
+    `time`: the time code that was baked. `photometric`: the preview shows nits. `home`: the folder that target and
+    pages will be moved to.
 
     Raises PipelineError if the target is a file of the scene, or if the GLB does not come from a USD scene.
     """

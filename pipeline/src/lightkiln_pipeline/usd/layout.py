@@ -1,8 +1,8 @@
 """Charts for lightmaps on the faces of a source mesh, so that the result can be written back to it.
 
-In: polygons of any size. Out: a coordinate per corner; islands may lie upon each other and differ in scale, because the
-baker packs them anew (`--uv pack`). Charts come from xatlas, which cuts between triangles; a polygon that it cuts in two
-becomes a chart of its own, so that every corner of the source has one coordinate.
+In: polygons of any size. Out: a coordinate per corner; islands may lie upon each other and differ in scale, because
+the baker packs them anew (`--uv pack`). Charts come from xatlas, which cuts between triangles; a polygon that it cuts
+in two becomes a chart of its own, so that every corner of the source has one coordinate.
 """
 
 from __future__ import annotations

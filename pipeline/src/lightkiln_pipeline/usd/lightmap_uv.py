@@ -1,4 +1,6 @@
-"""The lightmap's coordinates on their way back: a lit GLB → coordinates per corner of the USD prims that it was made of."""
+"""The lightmap's coordinates on their way back: a lit GLB → coordinates per corner of the USD prims that it was made
+of.
+"""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """Reads UsdLux lights: prims → lamps of LIGHTKILN_scene with the nodes that place them.
 
-In: light prims in stage units. Out: W, sr and metres with +Y up. What the extension has no word for is expressed by what it
-has: shaping by profiles, shaped areas by small lamps, cylinders by emissive meshes.
+In: light prims in stage units. Out: W, sr and metres with +Y up. What the extension has no word for is expressed by
+what it has: shaping by profiles, shaped areas by small lamps, cylinders by emissive meshes.
 """
 
 from __future__ import annotations

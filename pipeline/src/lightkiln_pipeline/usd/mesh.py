@@ -53,7 +53,7 @@ class MeshData:
 
 
 def read_mesh(prim: Any, time: Any, level: int, notes: Notes, charts: Charts | None) -> MeshData | None:
-    """The mesh of a prim, or none if it has no faces. `charts`: what lays it out for a lightmap, none for no lightmap."""
+    """The mesh of a prim, or none if it has no faces. `charts`: what lays it out, none for no lightmap."""
     made = solid(prim, time)
     if made is not None:
         points, counts, indices, normals = made
@@ -101,9 +101,9 @@ def _read_faces(mesh: Any, time: Any, notes: Notes) -> _Source | None:
     if (counts < 0).any() or counts.sum() != len(indices):
         notes.add(path, "faceVertexCounts and faceVertexIndices do not match; the mesh is skipped, export it again")
         return None
-    finite = np.isfinite(points).all(axis=1)
-    usable = np.asarray((indices >= 0) & (indices < len(points)))
-    usable[usable] = finite[indices[usable]]
+    finite: npt.NDArray[np.bool_] = np.asarray(np.isfinite(points).all(axis=1))
+    there = (indices >= 0) & (indices < len(points))
+    usable = np.where(there, finite[np.where(there, indices, 0)], False)
     sound = counts >= 3
     filled = np.flatnonzero(counts > 0)
     sound[filled] &= np.logical_and.reduceat(usable, face_starts(counts)[filled])

@@ -46,9 +46,9 @@ def triangulate(points: Floats, counts: Ints, indices: Ints) -> tuple[Ints, Ints
         ears = clip_ears(points[indices[start : start + count]], normals[face])
         triangles.append(ears + start)
         faces.append(np.full(len(ears), face))
-    face = np.concatenate(faces).astype(np.int64)
-    order = np.argsort(face, kind="stable")
-    return np.concatenate(triangles).astype(np.int64)[order], face[order]
+    owners: Ints = np.concatenate(faces).astype(np.int64)
+    order = np.argsort(owners, kind="stable")
+    return np.concatenate(triangles).astype(np.int64)[order], owners[order]
 
 
 def _concave_faces(points: Floats, counts: Ints, indices: Ints, starts: Ints) -> npt.NDArray[np.bool_]:
@@ -61,7 +61,7 @@ def _concave_faces(points: Floats, counts: Ints, indices: Ints, starts: Ints) ->
     turn = np.cross(corners - corners[predecessor], corners[successor] - corners)
     normal = np.repeat(face_normals(points, counts, indices), counts, axis=0)
     against = (turn * normal).sum(axis=1) < -1e-9 * (normal * normal).sum(axis=1)
-    return np.asarray(np.logical_or.reduceat(against, starts) & (counts > 3))
+    return np.asarray(np.logical_or.reduceat(against, starts) & (counts > 3), bool)
 
 
 def clip_ears(polygon: Floats, normal: Floats) -> Ints:

@@ -1,7 +1,8 @@
 """Dome lights → the environment of LIGHTKILN_scene.
 
-UsdLux's picture has its centre at +Z and +X a quarter to the left (OpenEXR's convention); the baker's has its centre at +X
-and +Z a quarter to the right. A single untinted dome goes in as the file it is; everything else is drawn into one picture.
+UsdLux's picture has its centre at +Z and +X a quarter to the left (OpenEXR's convention); the baker's has its centre
+at +X and +Z a quarter to the right. A single untinted dome goes in as the file it is; everything else is drawn into
+one picture.
 """
 
 from __future__ import annotations

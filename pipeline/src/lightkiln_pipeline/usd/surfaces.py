@@ -1,7 +1,8 @@
 """Reads materials: UsdShade networks → what diffuse light sees of a surface.
 
-In: a bound material. Out: reflected, emitted and covered channels, each a constant, a texture or a primvar. UsdPreviewSurface
-is read whole; of MaterialX surfaces the constants and plain image nodes. The rest falls back to a constant and is noted.
+In: a bound material. Out: reflected, emitted and covered channels, each a constant, a texture or a primvar.
+UsdPreviewSurface is read whole; of MaterialX surfaces the constants and plain image nodes. The rest falls back to a
+constant and is noted.
 """
 
 from __future__ import annotations

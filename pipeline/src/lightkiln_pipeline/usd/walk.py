@@ -1,6 +1,7 @@
 """Finds what a stage shows: prims → placed shapes and lights, with instancing, visibility and purpose resolved.
 
-Every placement knows the prim that holds its data (shared by instances) and the way to name it when the lightmap returns.
+Every placement knows the prim that holds its data (shared by instances) and the way to name it when the lightmap
+returns.
 """
 
 from __future__ import annotations
