@@ -102,14 +102,14 @@ def prepare_browser() -> None:
 def pipeline_tests() -> None:
     """The Python package with the packages that it needs: types and tests."""
     python = PIPELINE / VENV_PYTHON.relative_to(DEPS / "venv")
-    requirements, package = ROOT / "tests" / "pipeline" / "requirements.txt", ROOT / "pipeline"
+    requirements = ROOT / "tests" / "pipeline" / "requirements.txt"
 
     def install() -> None:
         call(sys.executable, "-m", "venv", "--clear", "--without-pip", PIPELINE)
         pip = (sys.executable, "-m", "pip", "--python", str(python), "install", "--quiet")
-        call(*pip, "-r", requirements, "-e", package)
+        call(*pip, "-r", requirements)
 
-    install_once(PIPELINE, [requirements, package / "pyproject.toml"], install)
+    install_once(PIPELINE, [requirements], install)
     call(python, "-m", "mypy", cwd=ROOT / "pipeline")
     call(python, "-m", "pytest", "-q", cwd=ROOT / "pipeline")
 

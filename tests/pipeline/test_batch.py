@@ -206,11 +206,17 @@ def test_dask_gives_the_same_bits(show: Path) -> None:
     assert {p: (show.parent / p).read_bytes() for p in pages} == pages
 
 
+@pytest.mark.skipif(os.name == "nt", reason="starts a script of POSIX")
 def test_bundle_is_accepted_and_runs(show: Path, tmp_path: Path) -> None:
     pytest.importorskip("openjd.cli")
     batch("bundle", show, tmp_path / "job")
     template = tmp_path / "job" / "template.json"
-    path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+    # The command as an installed package has it.
+    launcher = tmp_path / "bin" / "lightkiln-batch"
+    launcher.parent.mkdir()
+    launcher.write_text(f"#!{sys.executable}\nfrom lightkiln_pipeline.batch.cli import main\nmain()\n")
+    launcher.chmod(0o755)
+    path = f"{launcher.parent}{os.pathsep}{os.environ['PATH']}"
     openjd = [sys.executable, "-m", "openjd"]
     environment = {**os.environ, "PATH": path}
     check = subprocess.run([*openjd, "check", template], capture_output=True, text=True, env=environment, check=False)
