@@ -158,6 +158,31 @@ def test_what_was_finished_survives_the_end_of_the_batch(show: Path, how: signal
     assert before == {**dict.fromkeys(ALL, "current"), "zlong": "would bake"}
 
 
+@pytest.mark.skipif(os.name == "nt", reason="signals of POSIX")
+def test_watch_bakes_again_what_changes(show: Path) -> None:
+    out = show.parent / "baked"
+    running = subprocess.Popen(command("run", show, "--watch"), stderr=subprocess.PIPE, text=True)
+    assert running.stderr is not None
+    for line in running.stderr:
+        if line.startswith("watching"):
+            break
+    first = (out / "three" / "batch.json").read_text()
+    scene = show.parent / "three.usda"
+    scene.write_text(scene.read_text().replace("= 100", "= 200"))
+    for line in running.stderr:
+        if line.startswith("watching"):
+            break
+    running.send_signal(signal.SIGINT)
+    assert running.wait(60) == 130
+    assert (out / "three" / "batch.json").read_text() != first
+    assert states(batch("run", show, "--json")) == dict.fromkeys(ALL, "current")
+
+
+def test_an_output_folder_that_cannot_be_is_an_error(show: Path) -> None:
+    (show.parent / "baked").write_text("a file")
+    batch("run", show, expect=3)
+
+
 @pytest.mark.skipif(not Path("/proc").is_dir(), reason="finds processes in /proc")
 def test_a_killed_worker_is_tried_again(show: Path) -> None:
     show.write_text(MANIFEST.replace("jobs = 2", "jobs = 1"))

@@ -238,6 +238,9 @@ def main() -> None:
     except PipelineError as error:
         _print(f"error: {error}")
         sys.exit(error.exit_code)
+    except OSError as error:
+        _print(f"error: {error}; correct the path, or free space")
+        sys.exit(3)
     except KeyboardInterrupt:
         _print("interrupted; what was finished is kept")
         sys.exit(130)

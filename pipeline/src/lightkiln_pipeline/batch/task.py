@@ -6,6 +6,7 @@ python -m lightkiln_pipeline.batch.task      reads a task as JSON from the stand
 from __future__ import annotations
 
 import contextlib
+import glob
 import json
 import os
 import shutil
@@ -48,9 +49,7 @@ def run_task(task: Task, progress: Progress) -> Stamp:
     settings, scene, folder = Settings.model_validate(task.settings), Path(task.scene), Path(task.folder)
     start, notes = time.monotonic(), Notes()
     work = folder.parent / f".{folder.name}.{os.getpid()}.partial"
-    for left in folder.parent.glob(f".{folder.name}.*.partial"):
-        # From an attempt that was killed.
-        shutil.rmtree(left, ignore_errors=True)
+    _clear(folder)
     try:
         # What is only made for the baker is no result.
         made = work / "source"
@@ -69,6 +68,14 @@ def run_task(task: Task, progress: Progress) -> Stamp:
         raise EnvironmentFault(f"{error}; free space or correct the folder's rights") from error
     finally:
         shutil.rmtree(work, ignore_errors=True)
+
+
+def _clear(folder: Path) -> None:
+    """Removes what attempts that were killed on this machine have left."""
+    for left in folder.parent.glob(f".{glob.escape(folder.name)}.*.partial"):
+        number = left.name.split(".")[-2]
+        if number.isdigit() and not Path(f"/proc/{number}").exists():
+            shutil.rmtree(left, ignore_errors=True)
 
 
 def baker_options(settings: Settings, scene: Path) -> list[str]:
@@ -122,7 +129,7 @@ def _finish(scene: Path, folder: Path, work: Path, settings: Settings, notes: No
         from ..usd.layer import write_layer
 
         progress({"event": "progress", "stage": "layer", "done": 0.0})
-        photometric = settings.light_units != "radiometric"
+        photometric = None if settings.light_units is None else settings.light_units == "photometric"
         target = work / f"{scene.stem}.lightmap.{settings.usd.layer}"
         lit = work / f"{scene.stem}.lit.glb"
         # The layer is written beside its pages but will lie in `folder`, so its paths start from there.

@@ -30,10 +30,8 @@ def convert(
     variant: Annotated[list[str] | None, typer.Option(help="/Prim{set}=name; repeatable.")] = None,
 ) -> None:
     """Convert a scene to what the baker reads; bake it with `--uv pack`."""
-    if light_units not in ("photometric", "radiometric", "auto"):
-        raise UsageError(f"--light-units {light_units} is unknown; give photometric, radiometric or auto")
     chosen = dict(_pair(v) for v in variant or [])
-    settings = UsdSettings(level, tuple(purpose or ("default", "render")), time, light_units, chosen)
+    settings = UsdSettings(level, tuple(purpose or ("default", "render")), time, _units(light_units), chosen)
     done = convert_scene(source, target, settings)
     for note in done.notes:
         _err.print(f"warning: {note}", markup=False, highlight=False, soft_wrap=True)
@@ -47,15 +45,23 @@ def layer(
     lit: Annotated[Path, typer.Argument(help="The .lit.glb that the baker wrote, with its pages beside it.")],
     target: Annotated[Path, typer.Argument(help="The layer to write: .usda, .usdc or .usd.")],
     time: Time = None,
-    radiometric: Annotated[bool, typer.Option(help="Preview in W/(m²·sr) instead of nits.")] = False,
+    light_units: Annotated[str, typer.Option(help="As for convert: what the preview shows.")] = "auto",
 ) -> None:
     """Write the lightmap as a layer over the scene, which stays as it is."""
     notes = Notes()
-    write_layer(source, lit, target, notes, time=time, photometric=not radiometric)
+    units = _units(light_units)
+    photometric = None if units == "auto" else units == "photometric"
+    write_layer(source, lit, target, notes, time=time, photometric=photometric)
     for note in notes.list():
         _err.print(f"warning: {note}", markup=False, highlight=False, soft_wrap=True)
     for error in added_errors(source, target):
         _err.print(f"warning: UsdValidation: {error}", markup=False, highlight=False, soft_wrap=True)
+
+
+def _units(text: str) -> str:
+    if text not in ("photometric", "radiometric", "auto"):
+        raise UsageError(f"--light-units {text} is unknown; give photometric, radiometric or auto")
+    return text
 
 
 def _pair(text: str) -> tuple[str, str]:
@@ -68,7 +74,10 @@ def _pair(text: str) -> tuple[str, str]:
 def main() -> None:
     """Runs the command; ends with 0, 1, 2, 3 or 130."""
     try:
-        app(standalone_mode=True)
+        app()
     except PipelineError as error:
         _err.print(f"error: {error}", markup=False, highlight=False, soft_wrap=True)
         raise SystemExit(error.exit_code) from error
+    except OSError as error:
+        _err.print(f"error: {error}", markup=False, highlight=False, soft_wrap=True)
+        raise SystemExit(3) from error

@@ -19,18 +19,15 @@ from .. import __version__
 from ..errors import Note, Notes
 from ..glb.writer import EXTENSION, GlbWriter, Json
 from .layout import Charts
-from .lights import LUMENS_PER_WATT, LightReader, Tube, emitted
-from .materials import Materials, WrittenMaterial
+from .lights import LUMENS_PER_WATT, LightReader, emitted
+from .materials import Materials
 from .mesh import MeshData, read_mesh
+from .mesh_writer import MeshWriter
 from .placement import node_transform
 from .sky import environment
-from .solids import tube
 from .stage import Scene, open_scene
-from .surfaces import UNBOUND, UNBOUND_IN_BLENDER, Channel, Color, Surface, read_surface, unbound_surface
+from .surfaces import UNBOUND, UNBOUND_IN_BLENDER, Color, Surface, read_surface, unbound_surface
 from .walk import Placement, Walk, data_path, inherited
-
-CORNER = "_CORNER"
-"""Vertex attribute: number of a source corner, as two floats (high, low 16 bits)."""
 
 
 @dataclass(frozen=True)
@@ -78,6 +75,7 @@ class _Converter:
         self._to_radiance = 1.0 if radiometric else 1.0 / LUMENS_PER_WATT
         self._glb = GlbWriter(f"lightkiln-pipeline {__version__}")
         self._materials = Materials(self._glb, self._to_radiance, notes)
+        self._writer = MeshWriter(self._glb, self._materials, scene, notes)
         self._lights = LightReader(scene, self._to_radiance, notes)
         self._charts = Charts()
         self._read: dict[object, MeshData | None] = {}
@@ -122,31 +120,10 @@ class _Converter:
                 definition["ies"] = {"bufferView": self._glb.view(lamp.profile.text().encode())}
             self._glb.lamp(definition, lamp.node)
         for cylinder in found.tubes:
-            self._add_tube(cylinder)
+            self._writer.tube(cylinder)
         sky = environment(self._scene, found.domes, self._glb, self._notes)
         if sky is not None:
             self._glb.extension["environment"] = sky
-
-    def _add_tube(self, cylinder: Tube) -> None:
-        points, counts, indices, normals = tube(cylinder.radius, cylinder.length, "X")
-        world = cylinder.world
-        placed = points[indices] @ world[:3, :3].T + world[:3, 3]
-        turned = normals @ np.linalg.inv(world[:3, :3])
-        quads = np.arange(len(indices)).reshape(len(counts), 4)
-        triangles = np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]])
-        if np.linalg.det(world[:3, :3]) < 0:
-            triangles = triangles[:, ::-1]
-        black = Surface(cylinder.name, Channel((0.0, 0.0, 0.0)))
-        color: Color = (float(cylinder.radiance[0]), float(cylinder.radiance[1]), float(cylinder.radiance[2]))
-        material = self._materials.write(black, double_sided=False, light=color)
-        attributes = {
-            "POSITION": self._glb.attribute(placed, bounds=True),
-            "NORMAL": self._glb.attribute(turned / np.linalg.norm(turned, axis=1, keepdims=True)),
-        }
-        primitive = {"attributes": attributes, "indices": self._glb.indices(triangles), "material": material.index}
-        mesh = self._glb.push("meshes", {"name": cylinder.name, "primitives": [primitive]})
-        unseen = {"lightmap": False}
-        self._glb.root({"name": cylinder.name, "mesh": mesh, "extensions": {EXTENSION: unseen}})
 
     def _add_shape(self, placement: Placement) -> bool:
         prim = placement.prim
@@ -162,7 +139,7 @@ class _Converter:
         fixed = placement.world if node is None else None
         key = (data_path(prim), wants_map, tuple(s.name for s, _ in parts), light, None if node else placement.path)
         if key not in self._meshes:
-            self._meshes[key] = self._mesh(prim, data, parts, light, fixed)
+            self._meshes[key] = self._writer.mesh(prim, data, parts, light, fixed)
         extras: Json = {"prim": str(prim.GetPath())}
         if placement.instancer:
             extras |= {"instancer": placement.instancer, "instance": placement.instance}
@@ -235,87 +212,3 @@ class _Converter:
             a, b, c = (world[data.corner_points[data.triangles[:, i]]] for i in range(3))
             radiance = radiance / max(float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum()) / 2, 1e-30)
         return (float(radiance[0]), float(radiance[1]), float(radiance[2]))
-
-    def _mesh(
-        self,
-        prim: Any,
-        data: MeshData,
-        parts: list[tuple[Surface, npt.NDArray[np.int64]]],
-        light: Color | None,
-        fixed: npt.NDArray[np.float64] | None,
-    ) -> int:
-        mode = str(UsdLux.LightAPI(prim).GetMaterialSyncModeAttr().Get()) if light is not None else ""
-        # Faces without material have two sides in Blender, which does not say so.
-        said = UsdGeom.Gprim(prim).GetDoubleSidedAttr().HasAuthoredValue()
-        double_sided = data.double_sided or (self._scene.blender and not said)
-        primitives = []
-        for surface, triangles in parts:
-            shown, added = _lit_surface(surface, light, mode)
-            material = self._materials.write(shown, double_sided=double_sided, light=added)
-            primitives.append(self._primitive(prim, data, material, triangles, fixed))
-        return self._glb.push("meshes", {"name": prim.GetName(), "primitives": primitives})
-
-    def _primitive(
-        self,
-        prim: Any,
-        data: MeshData,
-        material: WrittenMaterial,
-        triangles: npt.NDArray[np.int64],
-        fixed: npt.NDArray[np.float64] | None,
-    ) -> Json:
-        corners, local = np.unique(triangles, return_inverse=True)
-        positions, normals = data.points[data.corner_points[corners]], data.normals[corners]
-        turned = local.reshape(-1, 3)
-        if fixed is not None:
-            linear = fixed[:3, :3]
-            positions = positions @ linear.T + fixed[:3, 3]
-            # Normals follow the cofactors, which exist even where the matrix flattens.
-            cofactors = np.stack([np.cross(linear[i - 2], linear[i - 1]) for i in range(3)])
-            normals = normals @ (cofactors.T * np.sign(np.linalg.det(linear) or 1.0))
-            normals = normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30)
-            turned = turned[:, ::-1] if np.linalg.det(linear) < 0 else turned
-        columns: dict[str, npt.NDArray[np.float64]] = {"POSITION": positions, "NORMAL": normals}
-        for number, name in enumerate(material.uv_sets):
-            values = data.uv_sets.get(name)
-            if values is None:
-                self._notes.add(prim.GetPath(), f"it has no primvars:{name}, which its textures need; zeros are used")
-                values = np.zeros((len(data.corner_points), 2))
-            columns[f"TEXCOORD_{number if number == 0 else number + 1}"] = _upright(values[corners])
-        if material.color_primvar is not None:
-            colors = data.colors.get(material.color_primvar)
-            if colors is None:
-                message = f"it has no primvars:{material.color_primvar}, which its material needs; white is used"
-                self._notes.add(prim.GetPath(), message)
-            else:
-                columns["COLOR_0"] = np.clip(colors[corners], 0.0, 1.0)
-        if data.lightmap_uv is not None:
-            columns["TEXCOORD_1"] = data.lightmap_uv[corners]
-            columns.setdefault("TEXCOORD_0", columns["TEXCOORD_1"])
-            columns[CORNER] = _corner_names(data, corners)
-        attributes = {k: self._glb.attribute(v, bounds=k == "POSITION") for k, v in columns.items()}
-        return {"attributes": attributes, "indices": self._glb.indices(turned), "material": material.index}
-
-
-def _corner_names(data: MeshData, corners: npt.NDArray[np.int64]) -> npt.NDArray[np.float64]:
-    """Numbers of source corners, plus one; zero for corners that refinement made."""
-    numbers = data.source_corners[corners] + 1
-    return np.stack([numbers // 65536, numbers % 65536], axis=1).astype(np.float64)
-
-
-def _lit_surface(surface: Surface, light: Color | None, mode: str) -> tuple[Surface, Color | None]:
-    """The surface of a mesh light, and its own emission."""
-    if light is None:
-        return surface, None
-    if mode == "noMaterialResponse":
-        return Surface(surface.name, Channel((0.0, 0.0, 0.0))), light
-    dark = Surface(surface.name, surface.base, opacity=surface.opacity, metallic=surface.metallic)
-    dark.opacity_threshold = surface.opacity_threshold
-    if mode == "materialGlowTintsLight" and max(surface.emission.value) > 0:
-        glow = surface.emission.value
-        return dark, (glow[0] * light[0], glow[1] * light[1], glow[2] * light[2])
-    return dark, light
-
-
-def _upright(uv: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-    """USD's v runs up, glTF's down."""
-    return np.stack([uv[:, 0], 1.0 - uv[:, 1]], axis=1)

@@ -21,6 +21,7 @@ from pxr import Gf, Sdf, Usd, UsdGeom, UsdShade, UsdUtils, UsdValidation, Vt
 from ..errors import Notes, PipelineError
 from .lightmap_uv import LitMesh, LitScene, read_lit
 from .lights import LUMENS_PER_WATT
+from .stage import is_blenders
 
 UV_PRIMVAR = "lightmapUV"
 VARIANT_SET = "lightmap"
@@ -34,12 +35,13 @@ def write_layer(
     notes: Notes,
     *,
     time: float | None = None,
-    photometric: bool = True,
+    photometric: bool | None = None,
     home: Path | None = None,
 ) -> None:
     """Writes `target`, which refers to the source and to the pages beside `lit_glb`.
 
-    `time`: the time code that was baked. `photometric`: the preview shows nits. `home`: the folder that target and
+    `time`: the time code that was baked. `photometric`: whether the preview shows nits; none: as the
+    stage is read by itself. `home`: the folder that target and
     pages will be moved to.
 
     Raises PipelineError if the target is a file of the scene, or if the GLB does not come from a USD scene.
@@ -56,7 +58,7 @@ def write_layer(
         _copy_metadata(source, stage, scene)
         writer = _LayerWriter(stage, scene, lit_glb.parent, target.parent, notes)
         writer.time = Usd.TimeCode.EarliestTime() if time is None else Usd.TimeCode(time)
-        writer.photometric = photometric
+        writer.photometric = not is_blenders(stage) if photometric is None else photometric
         writer.write()
         if home is not None:
             layer.subLayerPaths[0] = _relative(source, home)

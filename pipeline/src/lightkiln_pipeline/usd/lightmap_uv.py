@@ -13,7 +13,7 @@ import numpy.typing as npt
 from ..errors import PipelineError
 from ..glb.reader import GlbReader
 from ..glb.writer import Json
-from .convert import CORNER
+from .mesh_writer import CORNER
 
 Floats = npt.NDArray[np.float64]
 

@@ -13,8 +13,10 @@ import numpy.typing as npt
 from pxr import UsdGeom
 
 from ..errors import Notes
+from .faces import Faces, read_faces
 from .layout import Charts
-from .polygons import face_normals, face_starts, triangulate
+from .polygons import face_normals, triangulate
+from .primvars import PrimValues
 from .solids import solid
 from .subdivision import SCHEMES, Refinement, Topology
 
@@ -57,73 +59,19 @@ def read_mesh(prim: Any, time: Any, level: int, notes: Notes, charts: Charts | N
     made = solid(prim, time)
     if made is not None:
         points, counts, indices, normals = made
-        return _assemble(prim, time, _Source(points, counts, indices, normals), 0, notes, charts)
-    source = _read_faces(UsdGeom.Mesh(prim), time, notes)
+        return _assemble(prim, time, Faces(points, counts, indices, normals), 0, notes, charts)
+    source = read_faces(UsdGeom.Mesh(prim), time, notes)
     return None if source is None else _assemble(prim, time, source, level, notes, charts)
 
 
-@dataclass
-class _Source:
-    """Faces as authored, without the malformed ones."""
-
-    points: Floats
-    counts: Ints
-    indices: Ints
-    normals: Floats | None = None
-    """Per corner."""
-    kept_faces: Ints | None = None
-    """Authored number of every face, where some were left out."""
-    authored_counts: Ints | None = None
-
-    @property
-    def face_numbers(self) -> Ints:
-        """Authored number of every face."""
-        return np.arange(len(self.counts)) if self.kept_faces is None else self.kept_faces
-
-    @property
-    def corner_numbers(self) -> Ints:
-        """Authored number of every corner."""
-        if self.authored_counts is None or self.kept_faces is None:
-            return np.arange(len(self.indices))
-        starts = face_starts(self.authored_counts)[self.kept_faces]
-        inner = np.arange(len(self.indices)) - np.repeat(face_starts(self.counts), self.counts)
-        return np.asarray(np.repeat(starts, self.counts) + inner)
-
-
-def _read_faces(mesh: Any, time: Any, notes: Notes) -> _Source | None:
-    path = mesh.GetPath()
-    points = np.array(mesh.GetPointsAttr().Get(time) or np.zeros((0, 3)), dtype=np.float64).reshape(-1, 3)
-    counts = np.array(mesh.GetFaceVertexCountsAttr().Get(time) or [], dtype=np.int64)
-    indices = np.array(mesh.GetFaceVertexIndicesAttr().Get(time) or [], dtype=np.int64)
-    if len(points) == 0 or len(counts) == 0:
-        notes.add(path, "the mesh has no faces; it is skipped")
-        return None
-    if (counts < 0).any() or counts.sum() != len(indices):
-        notes.add(path, "faceVertexCounts and faceVertexIndices do not match; the mesh is skipped, export it again")
-        return None
-    finite: npt.NDArray[np.bool_] = np.asarray(np.isfinite(points).all(axis=1))
-    there = (indices >= 0) & (indices < len(points))
-    usable = np.where(there, finite[np.where(there, indices, 0)], False)
-    sound = counts >= 3
-    filled = np.flatnonzero(counts > 0)
-    sound[filled] &= np.logical_and.reduceat(usable, face_starts(counts)[filled])
-    if sound.all():
-        return _Source(points, counts, indices)
-    notes.add(path, f"{int((~sound).sum())} faces with fewer than 3 corners or points that do not exist are skipped")
-    if not sound.any():
-        return None
-    points[~finite] = 0.0
-    return _Source(points, counts[sound], indices[np.repeat(sound, counts)], None, np.flatnonzero(sound), counts)
-
-
-def _assemble(prim: Any, time: Any, source: _Source, level: int, notes: Notes, charts: Charts | None) -> MeshData:
+def _assemble(prim: Any, time: Any, source: Faces, level: int, notes: Notes, charts: Charts | None) -> MeshData:
     is_mesh = prim.IsA(UsdGeom.Mesh)
     scheme = str(UsdGeom.Mesh(prim).GetSubdivisionSchemeAttr().Get(time)) if is_mesh else "none"
     if scheme == "loop" and (source.counts != 3).any():
         notes.add(prim.GetPath(), "Loop subdivision needs triangles; it is refined as catmullClark")
         scheme = "catmullClark"
     smooth = scheme in SCHEMES and level > 0
-    values = _PrimValues(prim, time, source, notes)
+    values = PrimValues(prim, time, source, notes)
     layout = charts.lay_out(source.points, source.counts, source.indices) if charts else None
 
     points, counts, indices = source.points, source.counts, source.indices
@@ -194,7 +142,7 @@ def _unit(vectors: Floats) -> Floats:
     return np.asarray(np.divide(vectors, length, out=np.zeros_like(vectors), where=length > 0))
 
 
-def _topology(mesh: Any, time: Any, source: _Source, notes: Notes) -> Topology:
+def _topology(mesh: Any, time: Any, source: Faces, notes: Notes) -> Topology:
     """Faces with the creases and corners that the prim has."""
     lengths = np.array(mesh.GetCreaseLengthsAttr().Get(time) or [], dtype=np.int64)
     chain = np.array(mesh.GetCreaseIndicesAttr().Get(time) or [], dtype=np.int64)
@@ -249,83 +197,3 @@ class _Chains:
                 data.opacities = values[:, 0]
             else:
                 data.lightmap_uv = values
-
-
-class _PrimValues:
-    """The primvars of a prim, its own and inherited, per corner of the sound faces."""
-
-    def __init__(self, prim: Any, time: Any, source: _Source, notes: Notes) -> None:
-        self._prim, self._time, self._source, self._notes = prim, time, source, notes
-        self._primvars = UsdGeom.PrimvarsAPI(prim).FindPrimvarsWithInheritance()
-
-    def uv_sets(self) -> dict[str, Floats]:
-        """Texture coordinates by name: primvars with two floats."""
-        found = {}
-        for primvar in self._primvars:
-            kind = str(primvar.GetTypeName())
-            if kind.rstrip("[]") in ("texCoord2f", "texCoord2d", "texCoord2h", "float2", "double2", "half2"):
-                values = self._per_corner(primvar, 2)
-                if values is not None:
-                    found[str(primvar.GetPrimvarName())] = values
-        return found
-
-    def colors(self) -> dict[str, Floats]:
-        """Colour primvars by name."""
-        found = {}
-        for primvar in self._primvars:
-            if str(primvar.GetTypeName()).startswith("color3"):
-                values = self._per_corner(primvar, 3)
-                if values is not None:
-                    found[str(primvar.GetPrimvarName())] = values
-        return found
-
-    def opacities(self) -> Floats | None:
-        """displayOpacity."""
-        for primvar in self._primvars:
-            if str(primvar.GetPrimvarName()) == "displayOpacity":
-                return self._per_corner(primvar, 1)
-        return None
-
-    def normals(self) -> Floats | None:
-        """Authored normals: the primvar, else the attribute."""
-        for primvar in self._primvars:
-            if str(primvar.GetPrimvarName()) == "normals":
-                return self._per_corner(primvar, 3)
-        mesh = UsdGeom.Mesh(self._prim)
-        values = mesh.GetNormalsAttr().Get(self._time)
-        if not values:
-            return None
-        return self._spread(np.array(values, np.float64), str(mesh.GetNormalsInterpolation()), "normals")
-
-    def _per_corner(self, primvar: Any, width: int) -> Floats | None:
-        name = str(primvar.GetPrimvarName())
-        value = primvar.ComputeFlattened(self._time)
-        if value is None:
-            if primvar.HasValue():
-                self._notes.add(self._prim.GetPath(), f"primvars:{name} has indices beyond its values; it is left out")
-            return None
-        values = np.array(value, np.float64)
-        return self._spread(values.reshape(-1, width), str(primvar.GetInterpolation()), f"primvars:{name}")
-
-    def _spread(self, values: Floats, interpolation: str, name: str) -> Floats | None:
-        """Values of any interpolation, per corner."""
-        source = self._source
-        counts = source.authored_counts if source.authored_counts is not None else source.counts
-        expected = {
-            "constant": 1,
-            "uniform": len(counts),
-            "varying": len(source.points),
-            "vertex": len(source.points),
-            "faceVarying": int(counts.sum()),
-        }[interpolation]
-        if len(values) < expected or not np.isfinite(values).all():
-            fault = f"{len(values)} values where {interpolation} needs {expected}, or some that are not finite"
-            self._notes.add(self._prim.GetPath(), f"{name} has {fault}; it is left out")
-            return None
-        if interpolation == "constant":
-            return np.repeat(values[:1], len(source.indices), axis=0)
-        if interpolation == "uniform":
-            return np.repeat(values[source.face_numbers], source.counts, axis=0)
-        if interpolation == "faceVarying":
-            return values[source.corner_numbers]
-        return values[source.indices]

@@ -78,8 +78,14 @@ def open_scene(path: Path, notes: Notes, *, time: float | None = None, variants:
         metres = 0.01
     frame = np.diag([metres, metres, metres, 1.0]) @ (_Z_UP if up == UsdGeom.Tokens.z else np.eye(4))
     code = Usd.TimeCode(time) if time is not None else Usd.TimeCode.EarliestTime()
-    blender = str(stage.GetRootLayer().documentation).startswith("Blender")
-    return Scene(stage, path, code, metres, frame, blender, UsdGeom.XformCache(code))
+    return Scene(stage, path, code, metres, frame, is_blenders(stage), UsdGeom.XformCache(code))
+
+
+def is_blenders(stage: Any) -> bool:
+    """True for a stage that Blender wrote, also below a layer over it: it says so in its documentation."""
+    root = stage.GetRootLayer()
+    below = [Sdf.Layer.FindRelativeToLayer(root, path) for path in root.subLayerPaths]
+    return any(str(layer.documentation).startswith("Blender") for layer in (root, *below) if layer)
 
 
 def _select(stage: Any, key: str, variant: str, notes: Notes) -> None:
