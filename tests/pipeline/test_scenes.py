@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 from pxr import Usd, UsdGeom, UsdShade
 
+from lightkiln_pipeline import program
 from lightkiln_pipeline.errors import Notes, PipelineError
 from lightkiln_pipeline.glb.reader import GlbReader
 from lightkiln_pipeline.usd.convert import UsdSettings, convert
-from lightkiln_pipeline.usd.layer import added_errors, write_layer
+from lightkiln_pipeline.usd.layer import added_errors, validation_errors, write_layer
 from lightkiln_pipeline.usd.lightmap_uv import read_lit
 from lightkiln_pipeline.usd.stage import source_files
 from stages import FLOOR, bake_stage, bilinear, read_rgb, write_stage
@@ -267,3 +268,17 @@ def test_dome_pictures_keep_their_orientation(tmp_path: Path) -> None:
         received[axis] = float(bake_stage(stage, "--texels-per-metre", "100").page().mean())
     assert received["-X"] < 1e-3 * received["+X"]
     assert received["+X"] > 1
+
+
+def test_the_bundled_courtyard_bakes_without_a_warning(tmp_path: Path) -> None:
+    source = Path(__file__).resolve().parents[2] / "scenes" / "courtyard.usda"
+    done = convert(source, tmp_path / "courtyard.glb", UsdSettings(level=2))
+    assert done.notes == []
+    assert (done.instances, done.lamps) == (9, 2)
+    result = program.bake(
+        tmp_path / "courtyard.glb", tmp_path / "out", ["--uv", "pack", "--error", "10%"], lambda _: None
+    )
+    assert result.notes == []
+    target = tmp_path / "out" / "courtyard.usda"
+    write_layer(source, tmp_path / "out" / "courtyard.lit.glb", target, Notes())
+    assert validation_errors(target) == set()

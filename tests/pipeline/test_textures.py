@@ -2,17 +2,25 @@
 
 from __future__ import annotations
 
+import base64
+import json
+import shutil
+import subprocess
 from pathlib import Path
 
 import numpy as np
 import OpenImageIO as oiio
 import pytest
+import zstandard
 
 from lightkiln_pipeline.batch.manifest import TextureOptions
 from lightkiln_pipeline.errors import PipelineError
 from lightkiln_pipeline.textures import encodings
 from lightkiln_pipeline.textures.export import export_textures
+from lightkiln_pipeline.textures.ktx2 import unpack_b10g11r11
 from stages import read_rgb
+
+ROOT = Path(__file__).resolve().parents[2]
 
 
 @pytest.fixture
@@ -87,3 +95,36 @@ def test_unknown_spaces_are_named(page: Path) -> None:
     options = TextureOptions(formats=["exr"], ocio_config="ocio://default", working_space="Nowhere")
     with pytest.raises(PipelineError, match="no colour space `Nowhere`"):
         export_textures(page, options)
+
+
+def test_ktx2_is_read_by_another_implementation(page: Path) -> None:
+    """ktx-parse, which three.js brings, reads the header; the levels unpack to the page and its mean."""
+    (made,) = export_textures(page, TextureOptions(formats=["ktx2"]))
+    reader = ROOT / ".deps/npm/node_modules/three/examples/jsm/libs/ktx-parse.module.js"
+    if not (shutil.which("node") and reader.is_file()):
+        pytest.skip("no Node or no three.js: tests/run.py installs it into .deps/npm")
+    script = f"""
+        import {{ read }} from {json.dumps(reader.as_uri())};
+        import {{ readFileSync }} from "node:fs";
+        const file = read(new Uint8Array(readFileSync(process.argv[1])));
+        const levels = file.levels.map((l) => [Buffer.from(l.levelData).toString("base64"), l.uncompressedByteLength]);
+        const sample = file.dataFormatDescriptor[0].samples.map((s) => [s.bitOffset, s.bitLength, s.channelType]);
+        console.log(JSON.stringify({{ format: file.vkFormat, size: [file.pixelWidth, file.pixelHeight], levels, sample,
+            scheme: file.supercompressionScheme, keys: Object.keys(file.keyValue) }}));
+    """
+    run = ["node", "--input-type=module", "-e", script, str(made)]
+    done = subprocess.run(run, capture_output=True, text=True, timeout=60, check=False)
+    assert done.returncode == 0, done.stderr
+    found = json.loads(done.stdout)
+    assert (found["format"], found["size"], found["scheme"]) == (122, [100, 60], 2)
+    assert [s[0] for s in found["sample"]] == [0, 11, 22]
+    assert "KTXorientation" in found["keys"]
+    levels = []
+    for data, size in found["levels"]:
+        words = zstandard.ZstdDecompressor().decompress(base64.b64decode(data))
+        assert len(words) == size
+        levels.append(unpack_b10g11r11(np.frombuffer(words, "<u4")))
+    assert len(levels) == 7
+    wanted = read_rgb(page)
+    assert levels[0].reshape(60, 100, 3) == pytest.approx(wanted, rel=0.017)
+    assert levels[-1][0] == pytest.approx(wanted.mean(axis=(0, 1)), rel=0.05)

@@ -8,11 +8,14 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 import OpenImageIO as oiio
 
+from .. import __version__
 from ..batch.manifest import TextureOptions
 from ..errors import PipelineError
 from .encodings import encode_logluv, encode_rgbd, encode_rgbm
+from .ktx2 import write_ktx2
 
 # What the baker writes, by the name that OCIO's own configurations have for it.
 _SOURCE_SPACES = ("lin_rec709", "Linear Rec.709 (sRGB)", "lin_rec709_scene")
@@ -33,6 +36,8 @@ def export_textures(page: Path, options: TextureOptions) -> list[Path]:
             _write_mipmapped(source, target)
         elif kind == "hdr":
             _save(source, target)
+        elif kind == "ktx2":
+            target.write_bytes(write_ktx2(_mip_levels(source), _metadata(source)))
         else:
             _write_encoded(source, target, kind, options.range)
         written.append(target)
@@ -46,6 +51,7 @@ _SUFFIXES = {
     "rgbm": ".rgbm.png",
     "rgbd": ".rgbd.png",
     "logluv": ".logluv.png",
+    "ktx2": ".ktx2",
 }
 
 
@@ -83,6 +89,26 @@ def _write_mipmapped(source: oiio.ImageBuf, target: Path) -> None:
         config.attribute(key, value)
     if not oiio.ImageBufAlgo.make_texture(oiio.MakeTxTexture, source, str(target), config):
         raise PipelineError(f"{target}: {oiio.geterror() or 'it cannot be written'}")
+
+
+def _mip_levels(source: oiio.ImageBuf) -> list[npt.NDArray[np.float32]]:
+    """The picture and its halves, down to one texel."""
+    levels = [np.asarray(source.get_pixels(oiio.FLOAT), np.float32)]
+    while max(levels[-1].shape[:2]) > 1:
+        height, width = (max(1, n // 2) for n in levels[-1].shape[:2])
+        smaller = oiio.ImageBufAlgo.resize(source, "box", roi=oiio.ROI(0, width, 0, height, 0, 1, 0, 3))
+        levels.append(np.asarray(smaller.get_pixels(oiio.FLOAT), np.float32).reshape(height, width, 3))
+    return levels
+
+
+def _metadata(source: oiio.ImageBuf) -> dict[str, str]:
+    """What the page says of itself, and which way its rows run."""
+    pairs = {"KTXorientation": "rd", "KTXwriter": f"lightkiln-pipeline {__version__}"}
+    for key in ("quantity", "unit", "uvSet"):
+        value = source.spec().get_string_attribute(f"lightkiln:{key}")
+        if value:
+            pairs[f"lightkiln:{key}"] = value
+    return pairs
 
 
 def _write_encoded(source: oiio.ImageBuf, target: Path, kind: str, largest: float) -> None:
