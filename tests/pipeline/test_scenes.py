@@ -153,6 +153,27 @@ def PointInstancer "Many" {{
 """.replace("instanceable = true)", "\n instanceable = true\n)").replace("(inherits", "(\n inherits")
 
 
+def test_instances_have_the_colours_that_are_handed_down(tmp_path: Path) -> None:
+    body = f"""
+class Xform "Proto" {{ {BOX} }}
+def Xform "Red" (
+    inherits = </World/Proto>
+    instanceable = true
+) {{ color3f[] primvars:displayColor = [(1, 0, 0)] }}
+def Xform "Blue" (
+    inherits = </World/Proto>
+    instanceable = true
+) {{ color3f[] primvars:displayColor = [(0, 0, 1)] }}
+"""
+    path, _ = convert_body(tmp_path, body)
+    glb = GlbReader(path)
+    colors = {}
+    for node in glb.items("nodes"):
+        attributes = glb.items("meshes")[node["mesh"]]["primitives"][0]["attributes"]
+        colors[node["name"]] = glb.values(attributes["COLOR_0"])[0].tolist()
+    assert colors == {"/World/Red/Box": [1, 0, 0], "/World/Blue/Box": [0, 0, 1]}
+
+
 def test_round_trip_of_instances(tmp_path: Path) -> None:
     """USD → bake → layer → no new errors → the layer's coordinates find the light that was baked."""
     stage_path = write_stage(tmp_path / "scène 1.usda", INSTANCED)

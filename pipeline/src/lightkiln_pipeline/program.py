@@ -26,7 +26,6 @@ class BakeResult:
     """What a finished bake says."""
 
     report: dict[str, Any]
-    outputs: list[Path]
     notes: list[Note] = field(default_factory=list)
 
 
@@ -81,7 +80,7 @@ def bake(scene: Path, folder: Path, options: list[str], progress: Callable[[Even
     if job.returncode != 0 or result is None:
         kind = EnvironmentFault if job.returncode == 3 else PipelineError
         raise kind(failure or said or f"the baker ended with exit code {job.returncode}")
-    return BakeResult(dict(result["report"]), [Path(p) for p in result["outputs"]], notes)
+    return BakeResult(dict(result["report"]), notes)
 
 
 def _event(line: str) -> Event:

@@ -104,19 +104,24 @@ def run_command(
         while True:
             read = load_manifest(manifest)
             plan = make_plan(read, manifest)
+            # Before anything is hashed, so that no change is missed while it bakes.
+            before = _look(plan)
             selection = select(plan, voice.say)
             failed = any(row.state == "failed" for row in selection.rows)
             if dry_run:
                 for task in selection.tasks:
                     voice.say({"event": "asset", "name": task.name, "state": "would bake"})
-            else:
-                if selection.tasks or not watch:
-                    where = _executor(executor, scheduler, jobs or read.jobs)
-                    rows = run(plan, selection, where, voice.say, keep_going=keep_going or watch)
-                    failed = any(row.state == "failed" for row in rows)
+            elif selection.tasks or not watch:
+                # A cluster takes seconds to start: not for nothing.
+                kind = executor if selection.tasks else "local"
+                where = _executor(kind, scheduler, jobs or read.jobs)
+                rows = run(plan, selection, where, voice.say, keep_going=keep_going or watch)
+                failed = any(row.state == "failed" for row in rows)
             if not watch:
                 break
-            _wait_for_change(plan, manifest)
+            _print(f"watching {plan.root}, Ctrl-C ends")
+            while _look(plan) == before and manifest.is_file():
+                time.sleep(1.0)
     if failed:
         raise typer.Exit(1)
 
@@ -125,27 +130,20 @@ def _executor(kind: str, scheduler: str | None, jobs: int) -> Executor:
     return DaskExecutor(scheduler, jobs) if kind == "dask" else LocalExecutor(jobs)
 
 
-def _wait_for_change(plan: Plan, manifest: Path) -> None:
-    """Returns when a file below the manifest's folder changes; whether that matters, the hashes decide."""
-
-    def look() -> dict[str, tuple[int, int]]:
-        seen = {}
-        for folder, _, names in os.walk(plan.root):
-            inside = Path(folder)
-            if inside == plan.out or plan.out in inside.parents:
+def _look(plan: Plan) -> dict[str, tuple[int, int]]:
+    """Times and sizes of the files below the manifest's folder. Whether a change matters, the hashes decide."""
+    seen = {}
+    for folder, _, names in os.walk(plan.root):
+        inside = Path(folder)
+        if inside == plan.out or plan.out in inside.parents:
+            continue
+        for name in names:
+            try:
+                stat = (inside / name).stat()
+            except OSError:
                 continue
-            for name in names:
-                try:
-                    stat = (inside / name).stat()
-                except OSError:
-                    continue
-                seen[str(inside / name)] = (stat.st_mtime_ns, stat.st_size)
-        return seen
-
-    before = look()
-    _print(f"watching {plan.root}, Ctrl-C ends")
-    while look() == before and manifest.is_file():
-        time.sleep(1.0)
+            seen[str(inside / name)] = (stat.st_mtime_ns, stat.st_size)
+    return seen
 
 
 @app.command()

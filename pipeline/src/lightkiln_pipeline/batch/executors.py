@@ -111,6 +111,9 @@ class LocalExecutor:
             return Outcome(task, None, f"the worker broke off: {error}", 0, attempt)
         finally:
             self._processes.discard(process)
+            if process.stdin is not None:
+                with contextlib.suppress(OSError):
+                    process.stdin.close()
         if last.get("event") == "finished":
             return Outcome(task, Stamp(**last["stamp"]), "", 0, attempt)
         if last.get("event") == "failed":

@@ -27,7 +27,7 @@ from .placement import node_transform
 from .sky import environment
 from .stage import Scene, open_scene
 from .surfaces import UNBOUND, UNBOUND_IN_BLENDER, Color, Surface, read_surface, unbound_surface
-from .walk import Placement, Walk, data_path, inherited
+from .walk import Placement, Walk, data_key, inherited
 
 
 @dataclass(frozen=True)
@@ -137,7 +137,13 @@ class _Converter:
         parts = self._parts(prim, data)
         # A sheared matrix is no node transform: the vertices take it.
         fixed = placement.world if node is None else None
-        key = (data_path(prim), wants_map, tuple(s.name for s, _ in parts), light, None if node else placement.path)
+        key = (
+            data_key(prim, self._scene.time),
+            wants_map,
+            tuple(s.name for s, _ in parts),
+            light,
+            None if node else placement.path,
+        )
         if key not in self._meshes:
             self._meshes[key] = self._writer.mesh(prim, data, parts, light, fixed)
         extras: Json = {"prim": str(prim.GetPath())}
@@ -170,7 +176,7 @@ class _Converter:
         return request
 
     def _data(self, prim: Any, charts: bool) -> MeshData | None:
-        key = (data_path(prim), charts)
+        key = (data_key(prim, self._scene.time), charts)
         if key not in self._read:
             layout = self._charts if charts else None
             self._read[key] = read_mesh(prim, self._scene.time, self._settings.level, self._notes, layout)

@@ -5,7 +5,7 @@ In: a prim at a time. Out: arrays in the prim's own space. Faces and values that
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -42,15 +42,12 @@ class MeshData:
     """Source face of every triangle."""
     source_corners: Ints
     """Source corner that every corner is, or −1 for corners that refinement made."""
-    source_corner_count: int
     double_sided: bool
-    uv_sets: dict[str, Floats] = field(default_factory=dict)
+    uv_sets: dict[str, Floats]
     """Values per corner, v upwards."""
-    colors: dict[str, Floats] = field(default_factory=dict)
+    colors: dict[str, Floats]
     """Colour primvars per corner, (n, 3), linear."""
-    opacities: Floats | None = None
-    """displayOpacity per corner."""
-    lightmap_uv: Floats | None = None
+    lightmap_uv: Floats | None
     """Charts on the source's faces, per corner; islands may lie upon each other."""
 
 
@@ -66,51 +63,74 @@ def read_mesh(prim: Any, time: Any, level: int, notes: Notes, charts: Charts | N
 
 def _assemble(prim: Any, time: Any, source: Faces, level: int, notes: Notes, charts: Charts | None) -> MeshData:
     is_mesh = prim.IsA(UsdGeom.Mesh)
-    scheme = str(UsdGeom.Mesh(prim).GetSubdivisionSchemeAttr().Get(time)) if is_mesh else "none"
-    if scheme == "loop" and (source.counts != 3).any():
-        notes.add(prim.GetPath(), "Loop subdivision needs triangles; it is refined as catmullClark")
-        scheme = "catmullClark"
-    smooth = scheme in SCHEMES and level > 0
-    values = PrimValues(prim, time, source, notes)
-    layout = charts.lay_out(source.points, source.counts, source.indices) if charts else None
+    scheme = _scheme(prim, time, source, notes) if is_mesh else "none"
+    primvars = PrimValues(prim, time, source, notes)
+    values = {("uv", name): uv for name, uv in primvars.uv_sets().items()}
+    values |= {("color", name): color for name, color in primvars.colors().items()}
+    if charts is not None:
+        values["lightmap", ""] = charts.lay_out(source.points, source.counts, source.indices)
+    authored = primvars.normals() if is_mesh and scheme == "none" else source.normals
 
-    points, counts, indices = source.points, source.counts, source.indices
-    authored = values.normals() if is_mesh and scheme == "none" else source.normals
-    chains = _Chains(values.uv_sets(), values.colors(), values.opacities(), layout)
-    faces, corners = source.face_numbers, source.corner_numbers
-    if smooth:
-        topology = _topology(UsdGeom.Mesh(prim), time, source, notes)
+    fine = _Refined(source.points, source.counts, source.indices, source.face_numbers, source.corner_numbers, values)
+    if scheme in SCHEMES and level > 0:
         boundary = str(UsdGeom.Mesh(prim).GetInterpolateBoundaryAttr().Get(time))
-        for _ in range(level):
-            step = Refinement(topology, scheme, boundary)
-            points, topology = step.smooth(points), step.topology
-            chains.refine(step)
-            fine = np.full(len(topology.indices), -1)
-            # The first corner of a quad, and of the first three triangles of four, is the coarse corner.
-            fine[_inherited(len(corners), scheme)] = corners
-            faces, corners = faces[step.parents], fine
-        counts, indices = topology.counts, topology.indices
+        fine.refine(_topology(UsdGeom.Mesh(prim), time, source, notes), scheme, boundary, level)
 
-    triangles, owners = triangulate(points, counts, indices)
+    triangles, owners = triangulate(fine.points, fine.counts, fine.indices)
     holes = np.array(UsdGeom.Mesh(prim).GetHoleIndicesAttr().Get(time) or [] if is_mesh else [], dtype=np.int64)
-    shown = ~np.isin(faces[owners], holes)
+    shown = ~np.isin(fine.faces[owners], holes)
     triangles, owners = triangles[shown], owners[shown]
-    normals = _normals(points, counts, indices, authored, smooth=scheme in SCHEMES)
+    normals = _normals(fine.points, fine.counts, fine.indices, authored, smooth=scheme in SCHEMES)
     if is_mesh and UsdGeom.Mesh(prim).GetOrientationAttr().Get(time) == UsdGeom.Tokens.leftHanded:
         triangles = triangles[:, ::-1]
         normals = normals if authored is not None else -normals
-    data = MeshData(
-        points,
-        indices,
+    return MeshData(
+        fine.points,
+        fine.indices,
         normals,
         triangles,
-        faces[owners],
-        corners,
-        int(source.authored_counts.sum()) if source.authored_counts is not None else len(source.indices),
+        fine.faces[owners],
+        fine.corners,
         bool(UsdGeom.Gprim(prim).GetDoubleSidedAttr().Get(time)),
+        {name: uv for (kind, name), uv in fine.values.items() if kind == "uv"},
+        {name: color for (kind, name), color in fine.values.items() if kind == "color"},
+        fine.values.get(("lightmap", "")),
     )
-    chains.store(data)
-    return data
+
+
+def _scheme(prim: Any, time: Any, source: Faces, notes: Notes) -> str:
+    """The subdivision scheme that the faces allow."""
+    scheme = str(UsdGeom.Mesh(prim).GetSubdivisionSchemeAttr().Get(time))
+    if scheme == "loop" and (source.counts != 3).any():
+        notes.add(prim.GetPath(), "Loop subdivision needs triangles; it is refined as catmullClark")
+        return "catmullClark"
+    return scheme
+
+
+@dataclass
+class _Refined:
+    """Faces on their way through refinement, with where they come from and their values per corner."""
+
+    points: Floats
+    counts: Ints
+    indices: Ints
+    faces: Ints
+    """Source face of every face."""
+    corners: Ints
+    """Source corner of every corner, or −1."""
+    values: dict[tuple[str, str], Floats]
+
+    def refine(self, topology: Topology, scheme: str, boundary: str, level: int) -> None:
+        """Refines `level` times."""
+        for _ in range(level):
+            step = Refinement(topology, scheme, boundary)
+            self.points, topology = step.smooth(self.points), step.topology
+            self.values = {key: step.corners(values) for key, values in self.values.items()}
+            fine = np.full(len(topology.indices), -1)
+            # The first corner of a quad, and of the first three triangles of four, is the coarse corner.
+            fine[_inherited(len(self.corners), scheme)] = self.corners
+            self.faces, self.corners = self.faces[step.parents], fine
+        self.counts, self.indices = topology.counts, topology.indices
 
 
 def _inherited(coarse_corners: int, scheme: str) -> Ints:
@@ -167,33 +187,3 @@ def _topology(mesh: Any, time: Any, source: Faces, notes: Notes) -> Topology:
     sharpness = np.where(sharpness >= 10.0, np.inf, sharpness)
     pinned = np.where(pinned >= 10.0, np.inf, pinned)
     return Topology(len(source.points), source.counts, source.indices, edges, sharpness, corners, pinned)
-
-
-class _Chains:
-    """Values per corner on their way through refinement."""
-
-    def __init__(
-        self, uv_sets: dict[str, Floats], colors: dict[str, Floats], opacities: Floats | None, layout: Floats | None
-    ) -> None:
-        self._values: dict[tuple[str, str], Floats] = {("uv", k): v for k, v in uv_sets.items()}
-        self._values |= {("color", k): v for k, v in colors.items()}
-        if opacities is not None:
-            self._values["opacity", ""] = opacities
-        if layout is not None:
-            self._values["lightmap", ""] = layout
-
-    def refine(self, step: Refinement) -> None:
-        """One level."""
-        self._values = {key: step.corners(values) for key, values in self._values.items()}
-
-    def store(self, data: MeshData) -> None:
-        """Hands the values over."""
-        for (kind, name), values in self._values.items():
-            if kind == "uv":
-                data.uv_sets[name] = values
-            elif kind == "color":
-                data.colors[name] = values
-            elif kind == "opacity":
-                data.opacities = values[:, 0]
-            else:
-                data.lightmap_uv = values

@@ -43,13 +43,6 @@ class PrimValues:
                     found[str(primvar.GetPrimvarName())] = values
         return found
 
-    def opacities(self) -> Floats | None:
-        """displayOpacity."""
-        for primvar in self._primvars:
-            if str(primvar.GetPrimvarName()) == "displayOpacity":
-                return self._per_corner(primvar, 1)
-        return None
-
     def normals(self) -> Floats | None:
         """Authored normals: the primvar, else the attribute."""
         for primvar in self._primvars:

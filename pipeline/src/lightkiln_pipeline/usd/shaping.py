@@ -39,11 +39,6 @@ class Shaping:
         """True if all directions are alike."""
         return self.cone >= 180 and self.focus <= 0 and self.profile is None
 
-    @property
-    def is_hard_cone(self) -> bool:
-        """True if there is nothing but a cone of at most a half space with a sharp edge."""
-        return self.cone <= 90 and self.softness <= 0 and self.focus <= 0 and self.profile is None
-
     def falloff(self, angles: Floats, *, focused: bool = True) -> Floats:
         """The factor of cone and focus at angles from the axis."""
         start = self.cone * (1.0 - self.softness)

@@ -30,7 +30,6 @@ class Scene:
     path: Path
     time: Any
     """The time code that is baked."""
-    to_metres: float
     frame: Matrix
     """Stage space → metres with +Y up, for column vectors."""
     blender: bool
@@ -78,7 +77,7 @@ def open_scene(path: Path, notes: Notes, *, time: float | None = None, variants:
         metres = 0.01
     frame = np.diag([metres, metres, metres, 1.0]) @ (_Z_UP if up == UsdGeom.Tokens.z else np.eye(4))
     code = Usd.TimeCode(time) if time is not None else Usd.TimeCode.EarliestTime()
-    return Scene(stage, path, code, metres, frame, is_blenders(stage), UsdGeom.XformCache(code))
+    return Scene(stage, path, code, frame, is_blenders(stage), UsdGeom.XformCache(code))
 
 
 def is_blenders(stage: Any) -> bool:

@@ -18,8 +18,6 @@ from .stage import Matrix, Scene, matrix
 
 _SHOWN = Usd.TraverseInstanceProxies(Usd.PrimDefaultPredicate)
 _SOLIDS = (UsdGeom.Cube, UsdGeom.Sphere, UsdGeom.Cylinder, UsdGeom.Cone, UsdGeom.Capsule, UsdGeom.Plane)
-# Prims that carry data for their parents, or that neither shine nor block.
-_SILENT = (UsdGeom.Subset, UsdGeom.Camera)
 
 
 @dataclass(frozen=True)
@@ -68,17 +66,15 @@ class Walk:
             if prim.IsA(UsdGeom.PointInstancer):
                 walk.PruneChildren()
                 if instancer:
-                    self.notes.add(
-                        prim.GetPath(), "a point instancer inside another's prototype is left out; flatten it"
-                    )
+                    message = "a point instancer inside another's prototype is left out; flatten it"
+                    self.notes.add(prim.GetPath(), message)
                 else:
                     yield from self._instances(UsdGeom.PointInstancer(prim), world)
             elif prim.IsA(UsdGeom.Mesh) or any(prim.IsA(s) for s in _SOLIDS) or prim.HasAPI(UsdLux.LightAPI):
                 yield Placement(prim, world, instancer, instance)
-            elif prim.IsA(UsdGeom.Gprim) and not any(prim.IsA(s) for s in _SILENT):
-                self.notes.add(
-                    prim.GetPath(), f"a `{prim.GetTypeName()}` is no surface that can be baked; it is skipped"
-                )
+            elif prim.IsA(UsdGeom.Gprim):
+                message = f"a `{prim.GetTypeName()}` is no surface that can be baked; it is skipped"
+                self.notes.add(prim.GetPath(), message)
 
     def _relative(self, prim: Any, root: Any) -> Matrix:
         """From the prim to the space that holds `root`."""
@@ -115,6 +111,17 @@ def inherited(prim: Any, name: str, time: Any) -> Any:
     return primvar.Get(time) if primvar and primvar.HasValue() else None
 
 
-def data_path(prim: Any) -> Any:
-    """The path of the prim that holds the data: the prototype's for instances, so that all share one mesh."""
-    return prim.GetPrimInPrototype().GetPath() if prim.IsInstanceProxy() else prim.GetPath()
+def data_key(prim: Any, time: Any) -> object:
+    """What a mesh's data depends on: prims with equal keys share one mesh.
+
+    For instances that is the prototype's prim and the primvars that the instance hands down to it.
+    """
+    if not prim.IsInstanceProxy():
+        return prim.GetPath()
+    instance = prim.GetParent()
+    while instance.IsInstanceProxy():
+        instance = instance.GetParent()
+    handed_down = UsdGeom.PrimvarsAPI(instance).FindPrimvarsWithInheritance()
+    own = {str(p.GetName()): str(p.Get(time)) for p in handed_down}
+    kept = sorted(item for item in own.items() if not item[0].startswith("primvars:lightkiln:"))
+    return prim.GetPrimInPrototype().GetPath(), tuple(kept)
