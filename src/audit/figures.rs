@@ -1,15 +1,18 @@
 //! From lightmap and truth at audited texels to figures with intervals.
 //!
-//! With two independent unbiased estimates a, b of a texel's truth, (L − a)(L − b) has the squared error of L as its
-//! mean, whatever their noise. Intervals come from the infinitesimal jackknife over texels.
-//! Based on: Jaeckel, "The Infinitesimal Jackknife", 1972.
+//! With independent unbiased estimates a, b of a texel's truth, (L − a)(L − b) has the squared error of L as its mean,
+//! whatever their noise; of several estimates all pairs are averaged. Intervals come from the infinitesimal jackknife
+//! over texels. Based on: Hoeffding, "A Class of Statistics with Asymptotically Normal Distribution", 1948; Jaeckel,
+//! "The Infinitesimal Jackknife", 1972.
 
 use super::mean_channel;
-use super::rounds::AuditedTexel;
-use crate::scene::Scene;
+use super::rounds::{AuditedTexel, ESTIMATES};
+use crate::scene::{Rgb, Scene};
 use serde::Serialize;
 use std::collections::BTreeMap;
 
+/// Estimates per texel.
+const COUNT: f64 = ESTIMATES as f64;
 /// Deviations of a normal figure within which it lies with 95 %.
 pub(super) const COMMON: f64 = 1.96;
 /// Share of the mean irradiance that is added to a texel's own where its relative error is taken.
@@ -67,22 +70,29 @@ impl Moment {
 
 /// Squared error of a texel without the noise of its truth, mean of channels.
 pub(super) fn squared_error(t: &AuditedTexel) -> f64 {
-    let [a, b] = t.halves.map(|h| (t.baked - h).as_dvec3());
-    (a * b).element_sum() / 3.0
+    (0..3).map(|c| channel(t, c).0).sum::<f64>() / 3.0
+}
+
+/// Of one channel: the mean of (L − a)(L − b) over all pairs of estimates, and the variance of one estimate.
+fn channel(t: &AuditedTexel, c: usize) -> (f64, f64) {
+    let misses = t.estimates.map(|e| f64::from(t.baked[c] - e[c]));
+    let (sum, squares) = misses.iter().fold((0.0, 0.0), |(s, q), m| (s + m, q + m * m));
+    let pairs = (sum * sum - squares) / (COUNT * (COUNT - 1.0));
+    (pairs, (squares - sum * sum / COUNT).max(0.0) / (COUNT - 1.0))
 }
 
 /// The texel's truth, mean of channels.
 fn truth(t: &AuditedTexel) -> f64 {
-    0.5 * (mean_channel(t.halves[0]) + mean_channel(t.halves[1]))
+    t.estimates.iter().map(|&e| mean_channel(e)).sum::<f64>() / COUNT
 }
 
 /// About the variance of [`squared_error`] by noise: channels are noisy together.
 fn noise(t: &AuditedTexel) -> f64 {
     let of_channel = |c: usize| {
-        let half = 0.5 * f64::from(t.halves[0][c] - t.halves[1][c]).powi(2);
-        let squared = f64::from(t.baked[c] - t.halves[0][c]) * f64::from(t.baked[c] - t.halves[1][c]);
-        // The square of an estimated variance is three times the variance's on average.
-        (2.0 * squared.max(0.0) * half + half * half / 3.0).sqrt()
+        let (squared, variance) = channel(t, c);
+        // The square of an estimated variance is too large by this on average.
+        let fourth = variance * variance * (COUNT - 1.0) / (COUNT + 1.0);
+        (4.0 * squared.max(0.0) * variance / COUNT + 2.0 * fourth / (COUNT * (COUNT - 1.0))).sqrt()
     };
     ((0..3).map(of_channel).sum::<f64>() / 3.0).powi(2)
 }
@@ -135,9 +145,11 @@ pub(super) fn bias(texels: &[&AuditedTexel], population: f64) -> Estimate {
     Estimate { value: ratio, low, high }
 }
 
-/// Guess at the standard error of a texel's truth.
+/// Standard error of a texel's truth.
 fn own_noise(t: &AuditedTexel) -> f64 {
-    0.5 * (mean_channel(t.halves[0]) - mean_channel(t.halves[1])).abs()
+    let truth = truth(t);
+    let squares: f64 = t.estimates.iter().map(|&e| (mean_channel(e) - truth).powi(2)).sum();
+    (squares / (COUNT * (COUNT - 1.0))).sqrt()
 }
 
 /// Median and 95th percentile of the relative errors of texels, where the noise of their truth allows.
@@ -197,8 +209,8 @@ pub(super) fn objects(scene: &Scene, texels: &[AuditedTexel], sizes: &[usize]) -
 
 /// Relative error of a texel beside the mean of the whole lightmap, for a picture: noise is part of it.
 pub(super) fn beside_mean(t: &AuditedTexel, mean: f64) -> f64 {
-    let half = 0.5 * (t.halves[0] + t.halves[1]);
-    (f64::from((t.baked - half).length_squared()) / 3.0).sqrt() / mean.max(BLACK)
+    let truth = t.estimates.iter().sum::<Rgb>() / ESTIMATES as f32;
+    (f64::from((t.baked - truth).length_squared()) / 3.0).sqrt() / mean.max(BLACK)
 }
 
 /// Mean irradiance over all audited texels, W/m², mean of channels.
@@ -211,12 +223,11 @@ pub(super) fn mean(texels: &[AuditedTexel]) -> f64 {
 mod tests {
     use super::*;
     use crate::math::{hash2, unit_float};
-    use crate::scene::Rgb;
 
-    /// Texels whose truth is 2 and whose halves are off by noise of that deviation; `baked` tells the lightmap.
+    /// Texels whose truth is 2 and whose estimates are off by noise of that deviation; `baked` tells the lightmap.
     fn texels(count: u32, deviation: f32, baked: impl Fn(u32) -> f32) -> Vec<AuditedTexel> {
         let wobble = |i: u32, k: u32| 3f32.sqrt() * deviation * (2.0 * unit_float(hash2(i, k)) - 1.0);
-        let half = |i: u32, k: u32| Rgb::splat(2.0 + wobble(i, k));
+        let estimate = |i: u32, k: u32| Rgb::splat(2.0 + wobble(i, k));
         let texel = |i: u32| AuditedTexel {
             texel: i,
             instance: (i % 2) as usize,
@@ -224,7 +235,7 @@ mod tests {
             pixel: [0, 0],
             weight: 3.0,
             baked: Rgb::splat(baked(i)),
-            halves: [half(i, 1), half(i, 2)],
+            estimates: std::array::from_fn(|k| estimate(i, k as u32)),
         };
         (0..count).map(texel).collect()
     }

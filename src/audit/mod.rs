@@ -2,8 +2,8 @@
 //! truth at a hashed sample of texels; lightmap, texels and scene → error with interval, and whether the target was met.
 //!
 //! It shares no estimate with the bake: of the lighting stages it knows nothing, and asks only the scene, the atlas and
-//! the ray queries. Two independent halves of the paths at each texel make the squared error unbiased, however noisy
-//! they are.
+//! the ray queries. Independent estimates of the truth at each texel make the squared error unbiased, however noisy they
+//! are.
 //!
 //! **When a target counts as met.** After every round there is an interval for the error. The intervals of all rounds
 //! are wide enough to hold together with 95 %, so the truth lies in their intersection, and that is what is reported. A
@@ -24,7 +24,7 @@ mod verdict;
 
 pub use figures::{Estimate, ObjectFigure};
 pub use path::Tracer;
-pub use rounds::AuditedTexel;
+pub use rounds::{AuditedTexel, ESTIMATES};
 pub use verdict::{Verdict, audit};
 
 use crate::atlas::Texels;
@@ -49,23 +49,25 @@ pub struct AuditSettings {
 pub enum Effort {
     /// No audit.
     Off,
-    /// About a tenth of the bake's rays.
+    /// About a tenth of the bake's time.
     #[default]
     Auto,
-    /// As many rays as the bake.
+    /// About as long as the bake.
     Thorough,
 }
 
-/// Rays that every audit may cast: a second of work.
-const LEAST_BUDGET: u64 = 1_000_000;
+/// Rays of the bake for one of the audit. Paths are cheap beside probes: a fifth of the rays is a tenth of the time.
+const SHARE: u64 = 5;
+/// Rays that every audit may cast: two seconds of work.
+const LEAST_BUDGET: u64 = 5_000_000;
 
 impl Effort {
     /// Most rays of an audit after a bake that has cast `baked`; none if there is no audit.
     pub fn most_rays(self, baked: u64) -> Option<u64> {
         match self {
             Self::Off => None,
-            Self::Auto => Some((baked / 10).max(LEAST_BUDGET)),
-            Self::Thorough => Some(baked.max(10 * LEAST_BUDGET)),
+            Self::Auto => Some((baked / SHARE).max(LEAST_BUDGET)),
+            Self::Thorough => Some((2 * baked).max(4 * LEAST_BUDGET)),
         }
     }
 }
@@ -87,7 +89,7 @@ pub struct Audit {
     pub p95: Option<f64>,
     /// Rounds of sampling.
     pub rounds: u32,
-    /// Paths per texel, both halves together.
+    /// Paths per texel, all estimates together.
     pub paths_per_texel: u32,
     /// Rays cast.
     pub rays: u64,

@@ -7,11 +7,12 @@
 use super::emitters::emitted;
 use super::footprint::Footprint;
 use super::lamps::{Lamps, Receiver};
+use super::rounds::ESTIMATES;
 use crate::accel::{Accel, Hit, Ray, offset_origin};
 use crate::atlas::{Atlas, SurfacePoint, Texels};
-use crate::math::{Sequence, cosine_hemisphere, hash2, hash3, unit_float};
+use crate::math::{Sequence, cosine_hemisphere, hash2, hash3, shuffled, unit_float};
 use crate::scene::{Rgb, Scene};
-use glam::{DVec3, Vec3};
+use glam::{DVec3, Vec2, Vec3};
 use std::f32::consts::{FRAC_1_PI, PI};
 use std::ops::Range;
 
@@ -67,10 +68,11 @@ impl<'a> Tracer<'a> {
         Self { accel, atlas, texels, lamps: Lamps::new(accel.scene()), seed }
     }
 
-    /// Two independent estimates of the mean irradiance over the texel's footprint, W/m², by `paths` paths each.
-    pub fn halves(&self, texel: u32, paths: u32) -> [Rgb; 2] {
+    /// Independent estimates of the mean irradiance over the texel's footprint, W/m², by `paths` paths each.
+    pub fn estimates(&self, texel: u32, paths: u32) -> [Rgb; ESTIMATES] {
         let footprint = self.footprint(texel);
-        [0, 1].map(|half| (self.paths(&footprint, half, 0..paths).sum / f64::from(paths.max(1))).as_vec3())
+        let mean = |estimate: usize| self.paths(&footprint, estimate as u32, 0..paths).sum / f64::from(paths.max(1));
+        std::array::from_fn(|estimate| mean(estimate).as_vec3())
     }
 
     /// Where the paths of a texel start.
@@ -78,9 +80,9 @@ impl<'a> Tracer<'a> {
         Footprint::new(self.accel, self.atlas, self.texels, texel)
     }
 
-    /// Paths `indices` of one half of those that belong to a texel.
-    pub(super) fn paths(&self, footprint: &Footprint, half: u32, indices: Range<u32>) -> Paths {
-        let seed = hash3(self.seed, footprint.texel, half);
+    /// Paths `indices` of one of a texel's estimates.
+    pub(super) fn paths(&self, footprint: &Footprint, estimate: u32, indices: Range<u32>) -> Paths {
+        let seed = hash3(self.seed, footprint.texel, estimate);
         let mut paths = Paths::default();
         for index in indices {
             let place = Sequence::new(seed).second(index);
@@ -117,8 +119,7 @@ impl Walk<'_, '_> {
         while let Some(v) = vertex {
             let receiver = self.tracer.lamps.receiver(v.position, v.shading_normal);
             self.gather_drawn(&v, &receiver);
-            let directions = Sequence::new(hash2(self.seed, 2 * self.events));
-            let direction = cosine_hemisphere(v.shading_normal, directions.first(self.index));
+            let direction = cosine_hemisphere(v.shading_normal, self.numbers(0).0);
             if direction.dot(v.geometric_normal) <= 0.0 {
                 return;
             }
@@ -126,11 +127,18 @@ impl Walk<'_, '_> {
         }
     }
 
+    /// Four stratified numbers for one purpose at the present event.
+    fn numbers(&self, purpose: u32) -> (Vec2, Vec2) {
+        let seed = hash2(self.seed, 2 * self.events + purpose);
+        let index = shuffled(self.index, seed);
+        let sequence = Sequence::new(seed);
+        (sequence.first(index), sequence.second(index))
+    }
+
     /// Light from one light, drawn.
     fn gather_drawn(&mut self, v: &Vertex, receiver: &Receiver) {
-        let numbers = Sequence::new(hash2(self.seed, 2 * self.events + 1));
-        let which = numbers.second(self.index).x;
-        let Some(drawn) = self.tracer.lamps.draw(receiver, which, numbers.first(self.index)) else { return };
+        let (place, which) = self.numbers(1);
+        let Some(drawn) = self.tracer.lamps.draw(receiver, which.x, place) else { return };
         let found = drawn.found;
         let cosine = v.shading_normal.dot(found.direction);
         if cosine <= 0.0 || v.geometric_normal.dot(found.direction) <= 0.0 || found.weight == Rgb::ZERO {

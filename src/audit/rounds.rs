@@ -11,7 +11,9 @@ use glam::DVec3;
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-/// Paths of each half at first.
+/// Estimates of a texel's truth: the more, the less noise in the products of pairs, down to √½ of that of two.
+pub const ESTIMATES: usize = 8;
+/// Paths of each estimate at first.
 const FIRST_PATHS: u32 = 64;
 /// Paths between two looks at whether the user wants to stop.
 const STEP: usize = 512;
@@ -31,8 +33,8 @@ pub struct AuditedTexel {
     pub weight: f64,
     /// What the lightmap has, W/m².
     pub baked: Rgb,
-    /// Two independent unbiased estimates of the truth, W/m².
-    pub halves: [Rgb; 2],
+    /// Independent unbiased estimates of the truth, W/m².
+    pub estimates: [Rgb; ESTIMATES],
 }
 
 /// What is known so far.
@@ -45,7 +47,7 @@ pub(super) struct Rounds<'a> {
     sample: Vec<Traced>,
     /// Draws of texels in the sample.
     draws: u32,
-    /// Paths of each half at every texel.
+    /// Paths of each estimate at every texel.
     paths: u32,
     meter: Meter<'a>,
 }
@@ -53,8 +55,8 @@ pub(super) struct Rounds<'a> {
 /// A drawn texel with its sums over paths.
 struct Traced {
     drawn: Drawn,
-    sums: [DVec3; 2],
-    /// Paths of each half.
+    sums: [DVec3; ESTIMATES],
+    /// Paths of each estimate.
     paths: u32,
 }
 
@@ -86,7 +88,7 @@ impl<'a> Rounds<'a> {
         if self.draws == 0 || !is_noisy && 2 * self.sample.len() <= self.population.size {
             for draw in self.draws..(2 * self.draws).max(1) {
                 let drawn = self.population.draw(draw, self.seed).into_iter();
-                self.sample.extend(drawn.map(|drawn| Traced { drawn, sums: [DVec3::ZERO; 2], paths: 0 }));
+                self.sample.extend(drawn.map(|drawn| Traced { drawn, sums: [DVec3::ZERO; ESTIMATES], paths: 0 }));
                 self.draws += 1;
             }
         } else {
@@ -101,9 +103,9 @@ impl<'a> Rounds<'a> {
         self.meter.rays.load(Ordering::Relaxed)
     }
 
-    /// Paths per texel, both halves together.
+    /// Paths per texel, all estimates together.
     pub(super) fn paths_per_texel(&self) -> u32 {
-        2 * self.paths
+        ESTIMATES as u32 * self.paths
     }
 
     /// The sample beside what the lightmap has, `baked` (W/m² per texel).
@@ -118,7 +120,7 @@ impl<'a> Rounds<'a> {
                 pixel: self.texels.pixel[t],
                 weight: traced.drawn.weight / f64::from(self.draws),
                 baked: baked[t],
-                halves: traced.sums.map(|sum| (sum / f64::from(traced.paths)).as_vec3()),
+                estimates: traced.sums.map(|sum| (sum / f64::from(traced.paths)).as_vec3()),
             }
         };
         self.sample.iter().map(audited).collect()
@@ -126,12 +128,12 @@ impl<'a> Rounds<'a> {
 }
 
 impl Traced {
-    /// Brings both halves to `paths` paths.
+    /// Brings all estimates to `paths` paths.
     fn trace(&mut self, tracer: &Tracer, meter: &Meter, paths: u32) -> Result<(), Cancelled> {
         let footprint = tracer.footprint(self.drawn.texel);
         for first in (self.paths..paths).step_by(STEP) {
-            for (half, sum) in self.sums.iter_mut().enumerate() {
-                let traced = tracer.paths(&footprint, half as u32, first..paths.min(first + STEP as u32));
+            for (estimate, sum) in self.sums.iter_mut().enumerate() {
+                let traced = tracer.paths(&footprint, estimate as u32, first..paths.min(first + STEP as u32));
                 *sum += traced.sum;
                 meter.advance(traced.rays)?;
             }

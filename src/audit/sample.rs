@@ -8,7 +8,7 @@ use crate::math::{hash2, hash3, unit_float};
 /// Share of all texels in the first draw, and bounds of their number.
 const SHARE: f64 = 0.002;
 const FEWEST: usize = 256;
-const MOST: usize = 2048;
+const MOST: usize = 1024;
 /// Objects that would get less than this many texels are drawn from together.
 const MATTERS: f64 = 0.5;
 

@@ -10,10 +10,8 @@ use crate::progress::{Cancelled, Progress, Stage};
 use crate::scene::Rgb;
 use serde::Serialize;
 
-/// Half width of the interval, as a share of the error, at which the audit is content.
+/// Half width of the interval, as a share of the error or of the target if that is larger, at which the audit is content.
 const PRECISE: f64 = 0.15;
-/// Errors below this share of the target need not be known better.
-const SMALL: f64 = 0.25;
 /// Chance that the truth lies outside of some round's interval.
 const RISK: f64 = 0.05;
 
@@ -55,7 +53,7 @@ pub fn audit(
         let square = mean_square(&sample.iter().collect::<Vec<_>>(), size as f64);
         let error = narrowed(known, root(&square, deviations(round)));
         (known, doubt) = (Some(error), Some(square));
-        let is_precise = 0.5 * (error.high - error.low) <= PRECISE * error.value.max(SMALL * target);
+        let is_precise = 0.5 * (error.high - error.low) <= PRECISE * error.value.max(target);
         // The next round costs as much as all so far.
         if !is_precise && 2 * rounds.rays() <= settings.most_rays {
             continue;

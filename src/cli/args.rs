@@ -112,10 +112,10 @@ pub(crate) struct SpeechArguments {
 
 #[derive(Clone, Copy, Debug, Default, ValueEnum)]
 enum AuditChoice {
-    /// About a tenth of the bake's rays.
+    /// About a tenth of the bake's time.
     #[default]
     Auto,
-    /// As many rays as the bake.
+    /// About as long as the bake.
     Thorough,
     /// Nothing: the error stays unknown.
     Off,
