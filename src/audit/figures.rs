@@ -60,14 +60,6 @@ pub(super) struct Moment {
     pub(super) noise: f64,
 }
 
-impl Moment {
-    /// The mean's interval at so many `deviations`.
-    fn interval(&self, deviations: f64) -> (f64, f64) {
-        let reach = deviations * self.variance.sqrt();
-        (self.mean - reach, self.mean + reach)
-    }
-}
-
 /// Squared error of a texel without the noise of its truth, mean of channels.
 pub(super) fn squared_error(t: &AuditedTexel) -> f64 {
     (0..3).map(|c| channel(t, c).0).sum::<f64>() / 3.0
@@ -124,11 +116,17 @@ pub(super) fn mean_square(texels: &[&AuditedTexel], population: f64) -> Moment {
     Moment { mean: q / (m * m), variance: variance(texels.iter().map(residual), noise, population), noise }
 }
 
-/// Root of a mean square with its interval at so many deviations.
+/// Root of a mean square with its interval at so many deviations. Noise is as likely to raise a mean square as to lower
+/// it. Which texels were drawn is not: few with large errors make most of it, so that doubt acts as a factor below and
+/// reaches farther above.
 pub(super) fn root(square: &Moment, deviations: f64) -> Estimate {
-    let (low, high) = square.interval(deviations);
-    let root = |x: f64| x.max(0.0).sqrt();
-    Estimate { value: root(square.mean), low: root(low), high: root(high) }
+    let mean = square.mean.max(0.0);
+    let noise = deviations * square.noise.sqrt();
+    let drawn = deviations * (square.variance - square.noise).max(0.0).sqrt();
+    let relative = if mean > 0.0 { drawn / mean } else { 0.0 };
+    let low = mean * (-relative).exp() - noise;
+    let high = mean + noise.hypot(drawn * (1.0 + 0.5 * relative.min(1.0)));
+    Estimate { value: mean.sqrt(), low: low.max(0.0).sqrt(), high: high.sqrt() }
 }
 
 /// Mean of the lightmap by that of the truth, less one.
@@ -140,9 +138,8 @@ pub(super) fn bias(texels: &[&AuditedTexel], population: f64) -> Estimate {
     let ratio = mean(&difference) / m;
     let residual = |t: &&AuditedTexel| t.weight / total * (difference(t) - ratio * truth(t)) / m;
     let noise = texels.iter().map(|t| (t.weight / total).powi(2) * own_noise(t).powi(2)).sum::<f64>() / (m * m);
-    let variance = variance(texels.iter().map(residual), noise, population);
-    let (low, high) = Moment { mean: ratio, variance, noise }.interval(COMMON);
-    Estimate { value: ratio, low, high }
+    let reach = COMMON * variance(texels.iter().map(residual), noise, population).sqrt();
+    Estimate { value: ratio, low: ratio - reach, high: ratio + reach }
 }
 
 /// Standard error of a texel's truth.
@@ -253,6 +250,15 @@ mod tests {
             check(&texels(4000, deviation, |_| 2.1), 0.05);
             check(&texels(4000, deviation, |i| if i % 3 == 0 { 2.3 } else { 2.0 }), 0.15 / 3f64.sqrt());
         }
+    }
+
+    #[test]
+    fn rare_large_errors_do_not_hide_the_others() {
+        // 1 % everywhere, and 100 % at one texel of a thousand.
+        let sample = texels(1000, 1e-4, |i| if i == 500 { 4.0 } else { 2.02 });
+        let got = root(&mean_square(&sample.iter().collect::<Vec<_>>(), 1e9), 3.0);
+        let truth = (0.999f64 * 1e-4 + 0.001).sqrt();
+        assert!(got.low > 0.005 && got.value > truth * 0.99 && got.high > 1.5 * truth, "{got:?}");
     }
 
     #[test]

@@ -56,8 +56,8 @@ pub enum Effort {
     Thorough,
 }
 
-/// Rays of the bake for one of the audit. Paths are cheap beside probes: a fifth of the rays is a tenth of the time.
-const SHARE: u64 = 5;
+/// Rays of the bake for one of the audit.
+const SHARE: u64 = 8;
 /// Rays that every audit may cast: two seconds of work.
 const LEAST_BUDGET: u64 = 5_000_000;
 
@@ -67,7 +67,7 @@ impl Effort {
         match self {
             Self::Off => None,
             Self::Auto => Some((baked / SHARE).max(LEAST_BUDGET)),
-            Self::Thorough => Some((2 * baked).max(4 * LEAST_BUDGET)),
+            Self::Thorough => Some(baked.max(4 * LEAST_BUDGET)),
         }
     }
 }

@@ -3,7 +3,7 @@
 //! Based on: Veach, "Robust Monte Carlo Methods for Light Transport Simulation", 1997 (densities per solid angle).
 
 use crate::math::{orthonormal_basis, uniform_disk};
-use crate::scene::{Light, LightShape, NARROWEST_SPREAD, Rgb, spot_attenuation, spread_attenuation};
+use crate::scene::{Light, LightShape, NARROWEST_SPREAD, Rgb, spot_attenuation, spread_attenuation_by_tangent};
 use glam::{Vec2, Vec3};
 use std::f32::consts::PI;
 
@@ -33,13 +33,13 @@ pub(super) struct Crossing {
 /// Draws a point of the lamp as seen from `p` by `u` in the unit square.
 pub(super) fn sample(light: &Light, p: Vec3, u: Vec2) -> Option<Found> {
     match light.shape {
-        LightShape::Rect { radiance, spread, .. } | LightShape::Disk { radiance, spread, .. } => {
+        LightShape::Rect { radiance, .. } | LightShape::Disk { radiance, .. } => {
             let panel = Panel::new(light)?;
             let q = panel.draw(p, u)?;
             let v = q - p;
             let (distance, facing) = (v.length(), panel.facing(v));
             let density = panel.density(p)? * distance * distance / facing;
-            let weight = radiance * (spread_attenuation(facing, spread) / density);
+            let weight = radiance * (panel.beam(p, q) / density);
             (facing > 0.0).then(|| Found { direction: v / distance, distance, weight, density: Some(density) })
         }
         LightShape::Point { intensity, radius } => Some(sphere(light, intensity, radius, p, u)),
@@ -57,16 +57,17 @@ pub(super) fn sample(light: &Light, p: Vec3, u: Vec2) -> Option<Found> {
 
 /// Where the ray from `p` along unit `direction` crosses the lamp; none for lamps that are only ever drawn.
 pub(super) fn crossing(light: &Light, p: Vec3, direction: Vec3) -> Option<Crossing> {
-    let (LightShape::Rect { radiance, spread, .. } | LightShape::Disk { radiance, spread, .. }) = light.shape else {
+    let (LightShape::Rect { radiance, .. } | LightShape::Disk { radiance, .. }) = light.shape else {
         return None;
     };
     let panel = Panel::new(light)?;
     let facing = panel.facing(direction);
     let distance = (panel.centre - p).dot(panel.normal) / direction.dot(panel.normal);
-    let is_crossed = facing > 0.0 && distance > 0.0 && panel.holds(p + direction * distance);
+    let q = p + direction * distance;
+    let is_crossed = facing > 0.0 && distance > 0.0 && panel.holds(q);
     is_crossed.then_some(())?;
     let density = panel.density(p)? * distance * distance / facing;
-    Some(Crossing { distance, radiance: radiance * spread_attenuation(facing, spread), density })
+    Some(Crossing { distance, radiance: radiance * panel.beam(p, q), density })
 }
 
 /// A flat lamp, one-sided.
@@ -116,6 +117,12 @@ impl Panel {
     fn holds(&self, q: Vec3) -> bool {
         let s = self.place(q) / self.half;
         if self.is_round { s.length_squared() <= 1.0 } else { s.abs().max_element() <= 1.0 }
+    }
+
+    /// What the beam leaves of the radiance from `q` towards `p`.
+    fn beam(&self, p: Vec3, q: Vec3) -> f32 {
+        let height = (p - self.centre).dot(self.normal);
+        spread_attenuation_by_tangent(f64::from((self.place(q) - self.place(p)).length() / height), self.spread)
     }
 
     /// Radius on the lamp's plane, around the foot of `p`, from which its beam reaches `p`; infinite without a beam.
