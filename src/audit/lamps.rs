@@ -29,6 +29,7 @@ enum Lit<'a> {
 
 /// What is known of a lamp from afar.
 struct Reach {
+    /// Metres, or the angular radius of a sun.
     radius: f32,
     /// Of an area lamp: the direction in which it shines.
     axis: Option<Vec3>,
@@ -131,7 +132,9 @@ impl Lit<'_> {
     /// Roughly the irradiance at `p` with unit `normal` if nothing blocks, mean of channels; zero only if none can arrive.
     fn estimate(&self, p: Vec3, normal: Vec3) -> f32 {
         match self {
-            Lit::Lamp(_, reach) if reach.is_far => reach.strength,
+            Lit::Lamp(light, reach) if reach.is_far => {
+                reach.strength * (normal.dot(light.axes[2]) + reach.radius).clamp(0.0, 1.0)
+            }
             Lit::Lamp(light, reach) => near(light.position, reach.radius, reach.axis, reach.strength, p, normal),
             Lit::Emitter(e) => near(e.centre, e.radius, None, e.power as f32, p, normal),
             Lit::Sky(sky) => sky.power as f32,
@@ -175,7 +178,7 @@ impl Reach {
             LightShape::Point { intensity, radius } | LightShape::Spot { intensity, radius, .. } => {
                 round(intensity, radius)
             }
-            LightShape::Sun { irradiance, .. } => Self { is_far: true, ..round(irradiance, 0.0) },
+            LightShape::Sun { irradiance, angle } => Self { is_far: true, ..round(irradiance, 0.5 * angle + 1e-4) },
         }
     }
 }

@@ -105,10 +105,10 @@ pub struct Audit {
 }
 
 impl Audit {
-    /// Every audited texel with its error beside the mean irradiance of the lightmap; noise of the truth is part of it.
+    /// Every audited texel with the part of its error that noise does not explain, as a share of the mean irradiance.
     pub fn errors(&self) -> impl Iterator<Item = (&AuditedTexel, f64)> {
         let mean = figures::mean(&self.texels);
-        self.texels.iter().map(move |t| (t, figures::beside_mean(t, mean)))
+        self.texels.iter().map(move |t| (t, figures::certain_error(t, mean)))
     }
 
     /// Squared error that each chart brings to the lightmap's, as a share of the squared mean irradiance, and charts'

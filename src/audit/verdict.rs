@@ -44,7 +44,8 @@ pub fn audit(
         return Ok(None);
     }
     let size = population.size;
-    let target = f64::from(settings.target);
+    // Through text, so that 0.02 does not become 0.019999999552965164.
+    let target = settings.target.to_string().parse().unwrap_or_else(|_| f64::from(settings.target));
     let mut rounds = Rounds::new(accel, (atlas, texels), population, settings.seed, settings.most_rays, progress);
     let (mut known, mut doubt) = (None, None);
     for round in 1.. {

@@ -1,6 +1,6 @@
 //! Where the error is: a page's audited texels as dots, coloured by how far they are off.
 
-use super::thumbnail::{SIDE, png, thumbnail};
+use super::thumbnail::{png, thumbnail};
 use crate::atlas::PageImage;
 use crate::audit::Audit;
 use std::io;
@@ -13,8 +13,8 @@ const DIM: f32 = 0.35;
 const TURNS: f64 = 1.0;
 const ENDS: f64 = 10.0;
 
-/// A PNG of page `index`: the page in dim grey under dots, the worst on top. Green texels are off by less than the
-/// target, red ones by ten times as much, beside the mean irradiance of the whole lightmap.
+/// A PNG of page `index`: the page in dim grey under dots, the worst on top. Green texels are off by less than the target
+/// as far as can be told, red ones by ten times as much, beside the mean irradiance of the whole lightmap.
 pub(super) fn heat_map(page: &PageImage, index: usize, audit: &Audit) -> io::Result<Vec<u8>> {
     let mut picture = thumbnail(page);
     for pixel in picture.pixels.iter_mut() {
@@ -33,7 +33,6 @@ pub(super) fn heat_map(page: &PageImage, index: usize, audit: &Audit) -> io::Res
             }
         }
     }
-    debug_assert!(picture.width <= SIDE && picture.height <= SIDE);
     png(&picture)
 }
 

@@ -75,7 +75,7 @@ fn errors(audit: &Audit, pages: &[PageImage]) -> io::Result<String> {
         let _ = write!(out, "<figure><img alt=\"errors\" src=\"data:image/png;base64,{picture}\"></figure>");
     }
     out += "</div><p class=sub>Audited texels, off by less than the target (green) to ten times as much (red), beside \
-            the mean irradiance. Noise of the audit is part of it.</p>";
+            the mean irradiance, as far as noise lets tell.</p>";
     let row = |o: &ObjectFigure| {
         let text = format!(
             "{:.0} % of the squared error; error {}, bias {}",

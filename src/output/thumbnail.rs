@@ -6,7 +6,7 @@ use image::{ExtendedColorType, ImageEncoder, codecs::png::PngEncoder};
 use std::io;
 
 /// Longest side, pixels.
-pub(super) const SIDE: u32 = 384;
+const SIDE: u32 = 384;
 
 /// 8-bit sRGB.
 pub(super) struct Picture {
