@@ -5,7 +5,9 @@ mod light;
 pub use light::{Counts, light};
 mod results;
 
+use crate::accel::Accel;
 use crate::atlas::{self, AtlasError};
+use crate::audit::{self, AuditSettings};
 use crate::config::Settings;
 use crate::import::{self, ImportError};
 use crate::output::glb::GlbError;
@@ -94,6 +96,16 @@ pub fn bake(path: &Path, settings: &Settings, progress: &dyn Progress) -> Result
         post::finish(&atlas, &texels, scene, &lightmap.combined, &settings.post, progress)
     })?;
 
+    let audit = match settings.audit.most_rays(counts.rays.values().sum()) {
+        Some(most_rays) => clock.measure(Stage::Audit, || {
+            let baked = post::at_texels(&atlas, &texels, &irradiance);
+            let seed = u32::from_str_radix(hash.get(..8).unwrap_or_default(), 16).unwrap_or_default();
+            let settings = AuditSettings { target: settings.error, most_rays, seed };
+            audit::audit(&Accel::build(scene), &atlas, &texels, &lightmap.usable, &baked, &settings, progress)
+        })?,
+        None => None,
+    };
+
     let pages = clock.measure(Stage::Output, || {
         results.write_pages(&mut imported, &hash, (&atlas, &texels), &irradiance, settings, progress)
     })?;
@@ -107,6 +119,7 @@ pub fn bake(path: &Path, settings: &Settings, progress: &dyn Progress) -> Result
         rays: counts.rays,
         solver: counts.solver,
         atlas: results::atlas_facts(&atlas, &texels, &pages),
+        audit,
         memory_peak_bytes: process::peak_memory(),
         warnings: imported.warnings,
         outputs: Vec::new(),

@@ -1,6 +1,7 @@
 //! What a bake is asked to do: the settings of all stages together.
 
 use crate::atlas::AtlasSettings;
+use crate::audit::Effort;
 use crate::import::ImportSettings;
 use crate::output::OutputSettings;
 use crate::post::PostSettings;
@@ -24,6 +25,8 @@ pub struct Settings {
     pub output: OutputSettings,
     /// Relative error to aim for, within [`ERROR_RANGE`].
     pub error: f32,
+    /// How much may be spent on finding out whether it was met.
+    pub audit: Effort,
 }
 
 impl Default for Settings {
@@ -34,6 +37,7 @@ impl Default for Settings {
             post: PostSettings::default(),
             output: OutputSettings::default(),
             error: 0.02,
+            audit: Effort::default(),
         }
     }
 }
@@ -45,6 +49,7 @@ impl Settings {
         let facts = [
             // Through text, so that 0.02 does not become 0.019999999552965164.
             ("error", json!(self.error.to_string().parse::<f64>().ok())),
+            ("audit", json!(self.audit)),
             ("uv", json!(format!("{:?}", atlas.uv).to_lowercase())),
             ("unwrapper", json!(format!("{:?}", atlas.unwrapper).to_lowercase())),
             ("texels-per-metre", json!(atlas.texels_per_metre)),

@@ -2,11 +2,13 @@
 //!
 //! The data's way: [`import`] resolves a glTF file to an immutable [`scene`]; [`atlas`] unwraps and rasterises it to
 //! texels; [`accel`] answers ray queries; [`hierarchy`], [`transport`] and [`solve`] find the coarse radiosity
-//! solution; [`gather`] turns it into irradiance per texel; [`post`] mends seams and dilates; [`output`] writes.
+//! solution; [`gather`] turns it into irradiance per texel; [`post`] mends seams and dilates; [`audit`] tells how far the
+//! result is from the truth; [`output`] writes.
 //! Only [`bake`] knows that order.
 
 pub mod accel;
 pub mod atlas;
+pub mod audit;
 pub mod bake;
 pub mod config;
 pub mod document;

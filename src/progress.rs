@@ -28,6 +28,8 @@ pub enum Stage {
     Gather,
     /// Seams and dilation.
     Post,
+    /// Comparing texels with independent paths.
+    Audit,
     /// Writing files.
     Output,
 }
@@ -44,6 +46,7 @@ impl Stage {
             Stage::Solve => "solve",
             Stage::Gather => "gather",
             Stage::Post => "post",
+            Stage::Audit => "audit",
             Stage::Output => "output",
         }
     }

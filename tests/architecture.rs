@@ -7,8 +7,11 @@ use std::path::{Path, PathBuf};
 
 /// Arrows between modules of the library. A module may also name what its targets may name.
 const ARROWS: &[(&str, &[&str])] = &[
-    ("bake", &["config", "import", "atlas", "accel", "hierarchy", "transport", "solve", "gather", "post", "output"]),
-    ("config", &["import", "atlas", "accel", "hierarchy", "transport", "solve", "gather", "post", "output"]),
+    (
+        "bake",
+        &["config", "import", "atlas", "accel", "hierarchy", "transport", "solve", "gather", "post", "audit", "output"],
+    ),
+    ("config", &["import", "atlas", "accel", "hierarchy", "transport", "solve", "gather", "post", "audit", "output"]),
     ("import", &["scene", "document"]),
     ("atlas", &["scene"]),
     ("accel", &["scene"]),
@@ -17,7 +20,8 @@ const ARROWS: &[(&str, &[&str])] = &[
     ("solve", &["transport", "hierarchy"]),
     ("gather", &["solve", "hierarchy", "atlas", "scene", "accel"]),
     ("post", &["atlas"]),
-    ("output", &["atlas", "scene", "gather", "document"]),
+    ("audit", &["accel", "atlas", "scene"]),
+    ("output", &["atlas", "scene", "gather", "audit", "document"]),
     ("scene", &[]),
     ("document", &[]),
 ];

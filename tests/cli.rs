@@ -71,6 +71,7 @@ fn usage_errors_end_with_2() {
         &["bake", "square.glb", "--resolution", "0"],
         &["bake", "square.glb", "--texels-per-metre", "-3"],
         &["bake", "square.glb", "--uv", "sideways"],
+        &["bake", "square.glb", "--audit", "maybe"],
         &["bake", "square.glb", "--threads", "0"],
     ] {
         let output = bench.run(arguments);
@@ -132,6 +133,64 @@ fn a_bake_writes_all_results_and_says_so() {
     // Irradiance under a sky of radiance 1 is π.
     let mean = report["atlas"]["pages"][0]["mean"][1].as_f64().expect("a number");
     assert!((mean / std::f64::consts::PI - 1.0).abs() < 0.01, "{mean}");
+}
+
+#[test]
+fn the_audit_tells_the_error_unless_it_is_off() {
+    let bench = Bench::new();
+    let bake = |options: &[&str]| {
+        let output = bench.run(&[&["bake", "square.glb", "--resolution", "16", "--force", "--json"], options].concat());
+        assert_eq!(code(&output), 0, "{}", stderr(&output));
+        let html = fs::read_to_string(bench.path("lightmaps/square/report.html")).expect("it was written");
+        let events = events(&output);
+        let report = events.last().expect("a result line")["report"].clone();
+        (events, report, html)
+    };
+    for options in [&[][..], &["--audit", "thorough"]] {
+        let (events, report, html) = bake(options);
+        let audits: Vec<&Value> = events.iter().filter(|e| e["event"] == "audit").collect();
+        assert_eq!(audits.len(), 1);
+        assert_eq!(audits[0]["verdict"], "met");
+        assert!(audits[0]["target"] == 0.02 && audits[0]["worst"] == "square");
+        let audit = &report["audit"];
+        let figure = |name: &str, end: &str| audit[name][end].as_f64().expect("a number");
+        assert!(figure("error", "low") <= figure("error", "value") && figure("error", "high") <= 0.02, "{audit}");
+        assert!(figure("bias", "low") < 0.01 && figure("bias", "high") > -0.01, "{audit}");
+        assert_eq!(audit["objects"][0]["path"], "square");
+        assert!(report["stages"].as_array().expect("a list").iter().any(|s| s["stage"] == "audit"));
+        assert!(html.contains("95th percentile") && html.contains("alt=\"errors\""));
+    }
+    let (events, report, html) = bake(&["--audit", "off"]);
+    assert!(report["audit"].is_null() && !html.contains("95th percentile"));
+    assert!(events.iter().all(|e| e["event"] != "audit" && e["stage"] != "audit"));
+}
+
+#[test]
+fn a_missed_target_is_said_even_into_a_pipe() {
+    let bench = Bench::new();
+    // Probes cannot be as exact as this at the foot of a wall as bright as the sun.
+    let mut file = lit_square();
+    let positions: [[f32; 3]; 4] = [[0.0, 0.0, -0.5], [0.0, 0.5, -0.5], [0.0, 0.5, 0.5], [0.0, 0.0, 0.5]];
+    let positions = file.floats("VEC3", &positions);
+    let normals = file.floats("VEC3", &[[-1.0, 0.0, 0.0]; 4]);
+    let indices = file.indices(&[0, 1, 2, 0, 2, 3]);
+    let material =
+        file.push("materials", serde_json::json!({ "emissiveFactor": [1.0, 1.0, 1.0], "doubleSided": true }));
+    let mesh = file.push(
+        "meshes",
+        serde_json::json!({ "name": "wall", "primitives": [
+        { "attributes": { "POSITION": positions, "NORMAL": normals }, "indices": indices, "material": material }
+    ] }),
+    );
+    file.push_root(serde_json::json!({ "name": "wall", "mesh": mesh }));
+    file.write(&bench.path("wall.glb"));
+    let output = bench.run(&["bake", "wall.glb", "--resolution", "32", "--error", "0.1%", "--audit", "thorough"]);
+    assert_eq!(code(&output), 0, "{}", stderr(&output));
+    let said = stderr(&output);
+    let report = fs::read(bench.path("lightmaps/wall/report.json")).expect("it was written");
+    let report: Value = serde_json::from_slice(&report).expect("it is JSON");
+    assert_eq!(report["audit"]["verdict"], "missed", "{}", report["audit"]);
+    assert!(said.contains("target 0.10 %: missed") && said.contains("`square`") | said.contains("`wall`"), "{said}");
 }
 
 #[test]

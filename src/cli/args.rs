@@ -2,6 +2,7 @@
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use lightkiln::atlas::{AtlasSettings, Unwrapper, UvMode};
+use lightkiln::audit::Effort;
 use lightkiln::config::{ERROR_RANGE, Settings};
 use lightkiln::import::ImportSettings;
 use lightkiln::output::{OutputSettings, Precision};
@@ -37,6 +38,9 @@ pub(crate) struct BakeArguments {
     /// Error to aim for, as 2% or 0.02.
     #[arg(long, value_name = "ERROR", default_value = "2%", value_parser = parse_error)]
     error: f32,
+    /// How much to spend on finding out whether the error was met.
+    #[arg(long, value_enum, default_value_t)]
+    audit: AuditChoice,
     /// Lightmap density; 16 unless a resolution is given.
     #[arg(long, value_name = "X", value_parser = parse_positive)]
     texels_per_metre: Option<f32>,
@@ -104,6 +108,17 @@ pub(crate) struct SpeechArguments {
     /// Show what the stages do.
     #[arg(short, long, conflicts_with = "quiet")]
     pub(crate) verbose: bool,
+}
+
+#[derive(Clone, Copy, Debug, Default, ValueEnum)]
+enum AuditChoice {
+    /// About a tenth of the bake's time.
+    #[default]
+    Auto,
+    /// About as long as the bake.
+    Thorough,
+    /// Nothing: the error stays unknown.
+    Off,
 }
 
 #[derive(Clone, Copy, Debug, Default, ValueEnum)]
@@ -195,6 +210,11 @@ impl BakeArguments {
                 precision: if self.float { Precision::Float } else { Precision::Half },
             },
             error: self.error,
+            audit: match self.audit {
+                AuditChoice::Auto => Effort::Auto,
+                AuditChoice::Thorough => Effort::Thorough,
+                AuditChoice::Off => Effort::Off,
+            },
             ..defaults
         }
     }
@@ -283,5 +303,8 @@ mod tests {
         assert_eq!(s.output.quantity, Quantity::Radiance);
         assert_eq!(s.output.precision, Precision::Float);
         assert_eq!(s.import.scene.as_deref(), Some("2"));
+        assert_eq!(s.audit, Effort::Auto);
+        assert_eq!(settings(&["--audit", "off"]).audit, Effort::Off);
+        assert_eq!(settings(&["--audit", "thorough"]).audit, Effort::Thorough);
     }
 }

@@ -4,6 +4,7 @@ use super::args::BakeArguments;
 use super::console::Console;
 use super::failure::Failure;
 use super::watch::Watch;
+use lightkiln::audit::{Audit, Verdict};
 use lightkiln::bake::bake;
 use serde_json::json;
 use std::sync::atomic::AtomicBool;
@@ -15,6 +16,19 @@ pub(crate) fn run(options: &BakeArguments, console: Console, cancelled: &'static
     let report = bake(&options.scene, &settings, &watch)?;
     drop(watch);
 
+    if let Some(audit) = &report.audit {
+        console.event(&json!({
+            "event": "audit",
+            "target": audit.target,
+            "verdict": audit.verdict,
+            "error": audit.error,
+            "worst": audit.objects.first().map(|object| &object.path),
+        }));
+        // What was not reached is said even where nobody watches.
+        if audit.verdict == Verdict::Missed || console.is_watched() {
+            console.say(&verdict(audit));
+        }
+    }
     let folder = settings.output.folder;
     console.event(&json!({
         "event": "result",
@@ -32,6 +46,27 @@ pub(crate) fn run(options: &BakeArguments, console: Console, cancelled: &'static
         ));
     }
     Ok(())
+}
+
+/// One line about the error: figure, interval, target, and where it was missed.
+fn verdict(audit: &Audit) -> String {
+    let percent = |share: f64| format!("{:.2} %", 100.0 * share);
+    let end = match (audit.verdict, audit.objects.first()) {
+        (Verdict::Met, _) => "met".into(),
+        (Verdict::Uncertain, _) => "not certain; --audit thorough finds out".into(),
+        (Verdict::Missed, None) => "missed; ask for a smaller --error".into(),
+        (Verdict::Missed, Some(worst)) => {
+            let share = 100.0 * worst.share;
+            format!("missed; {share:.0} % of it lies on `{}`, the report lists the others", worst.path)
+        }
+    };
+    format!(
+        "error {} ({} to {}), target {}: {end}",
+        percent(audit.error.value),
+        percent(audit.error.low),
+        percent(audit.error.high),
+        percent(audit.target)
+    )
 }
 
 fn pages(count: usize) -> String {

@@ -11,15 +11,16 @@ use std::time::{Duration, Instant};
 
 /// The stages in order, and the share of a bake's time that each usually takes. Only the estimate of the time left
 /// depends on it, and less the longer the bake runs.
-const SHARES: [(Stage, f64); 9] = [
+const SHARES: [(Stage, f64); 10] = [
     (Stage::Import, 0.01),
     (Stage::Atlas, 0.05),
     (Stage::Texels, 0.06),
     (Stage::Accel, 0.01),
     (Stage::Direct, 0.15),
     (Stage::Solve, 0.22),
-    (Stage::Gather, 0.46),
+    (Stage::Gather, 0.38),
     (Stage::Post, 0.02),
+    (Stage::Audit, 0.08),
     (Stage::Output, 0.02),
 ];
 

@@ -4,4 +4,4 @@ mod direction;
 mod sequence;
 
 pub use direction::{cosine_hemisphere, octahedral, orthonormal_basis, uniform_disk};
-pub use sequence::{Sequence, hash2, hash3, shifted, unit_float};
+pub use sequence::{Sequence, hash2, hash3, shifted, shuffled, unit_float};

@@ -114,6 +114,13 @@ impl Sequence {
     }
 }
 
+/// What takes the place of `index` in an order that is shuffled by `seed`; every run of 2ⁿ that starts at a multiple of 2ⁿ
+/// stays such a run. Sequences that are used side by side need orders of their own: with the same one, the n-th points of
+/// all of them lie in halves of the unit square that the lowest bit of n decides, whatever their seeds.
+pub fn shuffled(index: u32, seed: u32) -> u32 {
+    scramble(index, mix(seed))
+}
+
 /// Point `k` of a low-discrepancy sequence that begins at `u`, in the unit square: the plastic number keeps its points apart.
 ///
 /// Based on: Roberts, "The Unreasonable Effectiveness of Quasirandom Sequences", 2018.
@@ -155,6 +162,18 @@ mod tests {
             assert!(single.iter().flatten().all(|&c| c == 1), "seed {seed}");
             assert!(joint.iter().all(|&c| c == 4), "seed {seed}: {joint:?}");
         }
+    }
+
+    #[test]
+    fn shuffled_sequences_are_independent_of_each_other() {
+        let (a, b) = (Sequence::new(1), Sequence::new(2));
+        let n = 4096;
+        let products = (0..n).map(|i| a.first(i).x * b.first(shuffled(i, 3)).x);
+        let mean = products.map(f64::from).sum::<f64>() / f64::from(n);
+        assert!((mean - 0.25).abs() < 0.005, "{mean}");
+        let mut run: Vec<u32> = (64..128).map(|i| shuffled(i, 5)).collect();
+        run.sort_unstable();
+        assert!(run[0].is_multiple_of(64) && run.windows(2).all(|w| w[1] == w[0] + 1));
     }
 
     #[test]

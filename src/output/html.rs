@@ -1,14 +1,15 @@
 //! `report.html`: the report for people, one file without references to others.
 
+use super::heat::heat_map;
 use super::report::Report;
+use super::thumbnail::{png, thumbnail};
 use crate::atlas::PageImage;
-use crate::scene::Rgb;
-use image::{ExtendedColorType, ImageEncoder, codecs::png::PngEncoder};
+use crate::audit::{Audit, Estimate, ObjectFigure, Verdict};
 use std::fmt::Write as _;
 use std::io::{self, Write};
 
-/// Longest side of a thumbnail, pixels.
-const THUMBNAIL: u32 = 384;
+/// Most objects that the table of errors lists.
+const MOST_OBJECTS: usize = 20;
 
 /// Writes the page: `report`'s facts and a thumbnail of each of `pages`.
 pub fn write_html(sink: &mut dyn Write, report: &Report, pages: &[PageImage]) -> io::Result<()> {
@@ -22,13 +23,16 @@ pub fn write_html(sink: &mut dyn Write, report: &Report, pages: &[PageImage]) ->
             body,
             "<figure><img alt=\"{0}\" src=\"data:image/png;base64,{1}\"><figcaption>{0} · {2}×{3} · {4} texels</figcaption></figure>",
             escape(&facts.file),
-            base64(&thumbnail(page)?),
+            base64(&png(&thumbnail(page))?),
             facts.width,
             facts.height,
             facts.texels
         );
     }
     body += "</div>";
+    if let Some(audit) = &report.audit {
+        body += &errors(audit, pages)?;
+    }
     body += &tables(report);
     writeln!(
         sink,
@@ -42,6 +46,58 @@ color:#222;background:#fafafa}h1{margin:0}.sub{color:#777;margin:0 0 1rem}.pages
 figure{margin:0}img{display:block;max-width:100%;background:#000;image-rendering:pixelated}figcaption{color:#777;\
 font-size:13px}table{border-collapse:collapse;margin:.3rem 0 1.2rem}td{padding:.15rem 1.2rem .15rem 0;\
 border-bottom:1px solid #ddd}td+td{font-variant-numeric:tabular-nums}";
+
+/// What the audit found: figures, the worst objects, and a picture of every page.
+fn errors(audit: &Audit, pages: &[PageImage]) -> io::Result<String> {
+    let verdict = match audit.verdict {
+        Verdict::Met => "met",
+        Verdict::Missed => "missed",
+        Verdict::Uncertain => "not certain",
+    };
+    let share = |share: Option<f64>| share.map_or_else(|| "below the noise of the audit".into(), percent);
+    let mut out = table(
+        "Error",
+        &[
+            ("target", format!("{}: {verdict}", percent(audit.target))),
+            ("error", interval(&audit.error)),
+            ("bias", interval(&audit.bias)),
+            ("median of texels", share(audit.median)),
+            ("95th percentile", share(audit.p95)),
+            (
+                "audited",
+                format!("{} of {} texels, {} paths each", audit.audited, audit.population, audit.paths_per_texel),
+            ),
+        ],
+    );
+    out += "<div class=pages>";
+    for (index, page) in pages.iter().enumerate() {
+        let picture = base64(&heat_map(page, index, audit)?);
+        let _ = write!(out, "<figure><img alt=\"errors\" src=\"data:image/png;base64,{picture}\"></figure>");
+    }
+    out += "</div><p class=sub>Audited texels, off by less than the target (green) to ten times as much (red), beside \
+            the mean irradiance, as far as noise lets tell.</p>";
+    let row = |o: &ObjectFigure| {
+        let text = format!(
+            "{:.0} % of the squared error; error {}, bias {}",
+            100.0 * o.share,
+            interval(&o.error),
+            interval(&o.bias)
+        );
+        (o.path.clone(), text)
+    };
+    let rows: Vec<_> = audit.objects.iter().take(MOST_OBJECTS).map(row).collect();
+    let rows: Vec<_> = rows.iter().map(|(path, text)| (path.as_str(), text.clone())).collect();
+    Ok(out + &table("Objects by their share of the error", &rows))
+}
+
+/// A share as a percentage.
+fn percent(share: f64) -> String {
+    format!("{:.2} %", 100.0 * share)
+}
+
+fn interval(e: &Estimate) -> String {
+    format!("{} ({} to {})", percent(e.value), percent(e.low), percent(e.high))
+}
 
 /// The facts as tables.
 fn tables(report: &Report) -> String {
@@ -104,54 +160,6 @@ fn escape(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }
 
-/// A small tone-mapped PNG of a page; texels that no chart covers stay dark.
-fn thumbnail(page: &PageImage) -> io::Result<Vec<u8>> {
-    let step = page.width.max(page.height).div_ceil(THUMBNAIL).max(1);
-    let (width, height) = (page.width.div_ceil(step).max(1), page.height.div_ceil(step).max(1));
-    let key = middle(page);
-    let mut pixels = Vec::with_capacity(width as usize * height as usize * 3);
-    for y in 0..height {
-        for x in 0..width {
-            let block = block_mean(page, x * step, y * step, step);
-            pixels.extend(block.to_array().map(|c| tone_map(c / key)));
-        }
-    }
-    let mut png = Vec::new();
-    let encoder = PngEncoder::new(&mut png);
-    encoder.write_image(&pixels, width, height, ExtendedColorType::Rgb8).map_err(io::Error::other)?;
-    Ok(png)
-}
-
-/// Mean channel value of the valid texels, or one for a black page.
-fn middle(page: &PageImage) -> f32 {
-    let valid = || page.rgb.iter().zip(&page.valid).filter(|(_, v)| **v);
-    let sum: f64 = valid().map(|(c, _)| f64::from(c.element_sum()) / 3.0).sum();
-    let mean = (sum / valid().count().max(1) as f64) as f32;
-    if mean > 0.0 { mean } else { 1.0 }
-}
-
-/// Mean of the valid texels in a square of `size`.
-fn block_mean(page: &PageImage, x0: u32, y0: u32, size: u32) -> Rgb {
-    let (mut sum, mut n) = (Rgb::ZERO, 0.0);
-    for y in y0..(y0 + size).min(page.height) {
-        for x in x0..(x0 + size).min(page.width) {
-            let i = y as usize * page.width as usize + x as usize;
-            if page.valid[i] {
-                sum += page.rgb[i];
-                n += 1.0;
-            }
-        }
-    }
-    sum / f32::max(n, 1.0)
-}
-
-/// Reinhard's curve and the sRGB transfer function.
-fn tone_map(c: f32) -> u8 {
-    let c = (c / (1.0 + c)).clamp(0.0, 1.0);
-    let srgb = if c <= 0.003_130_8 { 12.92 * c } else { 1.055 * c.powf(1.0 / 2.4) - 0.055 };
-    (srgb * 255.0).round() as u8
-}
-
 /// RFC 4648.
 fn base64(bytes: &[u8]) -> String {
     const ALPHABET: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
@@ -175,17 +183,5 @@ mod tests {
         for (plain, coded) in [("", ""), ("f", "Zg=="), ("fo", "Zm8="), ("foo", "Zm9v"), ("foobar", "Zm9vYmFy")] {
             assert_eq!(base64(plain.as_bytes()), coded);
         }
-    }
-
-    #[test]
-    fn a_thumbnail_is_small_and_ignores_invalid_texels() {
-        let mut page = PageImage::black(1000, 500);
-        page.rgb[0] = Rgb::splat(1e30);
-        page.rgb[1] = Rgb::ONE;
-        page.valid[1] = true;
-        let png =
-            image::load_from_memory(&thumbnail(&page).expect("memory takes everything")).expect("a PNG").into_rgb8();
-        assert!(png.width() <= THUMBNAIL && png.height() <= THUMBNAIL);
-        assert_eq!(png.get_pixel(0, 0).0, [tone_map(1.0); 3]);
     }
 }

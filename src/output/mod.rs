@@ -3,10 +3,12 @@
 pub mod exr;
 pub mod files;
 pub mod glb;
+mod heat;
 pub mod html;
 pub mod identity;
 pub mod process;
 pub mod report;
+mod thumbnail;
 
 pub use files::{OutputError, OutputSet};
 pub use report::Report;

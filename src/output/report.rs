@@ -4,6 +4,7 @@
 
 use super::process;
 use crate::atlas::PageImage;
+use crate::audit::Audit;
 use crate::progress::Stage;
 use crate::warning::Warning;
 use glam::{DVec3, Vec3};
@@ -37,6 +38,8 @@ pub struct Report {
     pub solver: SolverFacts,
     /// The atlas.
     pub atlas: AtlasFacts,
+    /// How far the lightmap is from the truth; null without an audit.
+    pub audit: Option<Audit>,
     /// Most memory held at one time, bytes; null where the system does not tell.
     pub memory_peak_bytes: Option<u64>,
     /// Faults that the bake went on after.

@@ -86,6 +86,16 @@ pub fn convert<'a>(
     }
 }
 
+/// Every texel's value on `pages`.
+pub fn at_texels(atlas: &Atlas, texels: &Texels, pages: &[PageImage]) -> Vec<Rgb> {
+    let value = |t: usize| {
+        let page = &pages[atlas.charts[texels.chart[t] as usize].page];
+        let [x, y] = texels.pixel[t].map(usize::from);
+        page.rgb[y * page.width as usize + x]
+    };
+    (0..texels.len()).map(value).collect()
+}
+
 /// Pages with each texel's value at its place.
 fn place(atlas: &Atlas, texels: &Texels, values: &[Rgb]) -> Vec<PageImage> {
     let mut pages: Vec<_> = atlas.pages.iter().map(|p| PageImage::black(p.width, p.height)).collect();

@@ -98,10 +98,18 @@ pub fn spread_attenuation(cos_theta: f32, spread: f32) -> f32 {
     if spread >= PI {
         return 1.0;
     }
+    let cosine = (cos_theta as f64).clamp(1e-9, 1.0);
+    spread_attenuation_by_tangent((1.0 - cosine * cosine).sqrt() / cosine, spread)
+}
+
+/// As [`spread_attenuation`], by the tangent of the angle to the axis: cosines cannot tell the angles of the narrowest
+/// beams apart.
+pub fn spread_attenuation_by_tangent(tangent: f64, spread: f32) -> f32 {
+    if spread >= PI {
+        return 1.0;
+    }
     // The denominator is of third order in the spread: it needs more digits than f32 has.
     let half = 0.5 * (spread as f64).max(NARROWEST_SPREAD);
-    let cosine = (cos_theta as f64).clamp(1e-9, 1.0);
-    let tangent = (1.0 - cosine * cosine).sqrt() / cosine;
     ((half.tan() - tangent) / (half.tan() - half)).max(0.0) as f32
 }
 

@@ -12,7 +12,9 @@ mod sky;
 mod texture;
 
 pub use environment::Environment;
-pub use light::{Falloff, Light, LightShape, NARROWEST_SPREAD, spot_attenuation, spread_attenuation};
+pub use light::{
+    Falloff, Light, LightShape, NARROWEST_SPREAD, spot_attenuation, spread_attenuation, spread_attenuation_by_tangent,
+};
 pub use material::{AlphaMode, MAX_REFLECTANCE, Material, TextureSlot};
 pub use mesh::{Instance, LightmapRequest, Mesh, Primitive};
 pub use panorama::{Cell, Panorama};

@@ -1,9 +1,11 @@
 //! Irradiance below and beside every kind of lamp, from the lamp's shape to the texel, against closed forms and brute
 //! force quadrature in f64.
 
+use super::audit::check_paths;
 use super::rooms::{Face, Room, baked};
 use glam::{DVec3, Vec3};
 use lightkiln::scene::{Falloff, Light, LightShape, Photometry, Profile, Rgb};
+use std::collections::HashMap;
 use std::f64::consts::PI;
 use std::sync::Arc;
 
@@ -36,7 +38,7 @@ fn floor() -> Room {
 }
 
 /// Every texel within `tolerance` of the mean of `expected` over its square, relatively or, where it gets less than a
-/// third of the most, relatively to that.
+/// third of the most, relatively to that. Holds both the bake and the paths of the audit against it.
 fn check(room: Room, light: Light, tolerance: f64, expected: impl Fn(DVec3) -> f64) {
     let what = format!("{:?}", light.shape);
     let mut scene = room.scene();
@@ -52,11 +54,13 @@ fn check(room: Room, light: Light, tolerance: f64, expected: impl Fn(DVec3) -> f
     let want: Vec<f64> = floor.iter().map(|&i| mean(b.texels.position[i])).collect();
     let most = want.iter().copied().fold(0.0, f64::max);
     assert!(most > 0.0 && floor.len() > 400, "{what} lights something");
-    for (&i, want) in floor.iter().zip(want) {
+    for (&i, &want) in floor.iter().zip(&want) {
         let got = b.light.combined[i].x as f64;
         let miss = (got - want).abs() / want.max(0.3 * most);
         assert!(miss < tolerance, "{what}: {got} instead of {want} at {}", b.texels.position[i]);
     }
+    let wanted: HashMap<usize, f64> = floor.iter().copied().zip(want).collect();
+    check_paths(&scene, &b, &floor, tolerance as f32, |t| wanted[&t] as f32);
 }
 
 /// Vector from the point to the lamp's centre, its squared length, and the cosine at both ends.

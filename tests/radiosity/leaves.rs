@@ -1,5 +1,6 @@
 //! Light through holes and through translucent surfaces.
 
+use super::audit::check_paths;
 use super::rooms::{Baked, Face, Room, baked};
 use glam::{Vec2, Vec3};
 use lightkiln::math::{hash2, unit_float};
@@ -45,9 +46,14 @@ fn with_sun(mut scene: Scene) -> Scene {
     scene
 }
 
+/// Texels of the floor.
+fn on_floor(b: &Baked) -> Vec<usize> {
+    (0..b.texels.len()).filter(|&i| b.texels.position[i].y < 0.5).collect()
+}
+
 /// Mean irradiance of the floor.
 fn floor(b: &Baked) -> Rgb {
-    let texels: Vec<usize> = (0..b.texels.len()).filter(|&i| b.texels.position[i].y < 0.5).collect();
+    let texels = on_floor(b);
     let area: f32 = texels.iter().map(|&i| b.texels.area[i]).sum();
     texels.iter().map(|&i| b.light.combined[i] * b.texels.area[i]).sum::<Rgb>() / area
 }
@@ -90,7 +96,10 @@ fn glasses() -> [(Material, Rgb); 2] {
 #[test]
 fn coloured_glass_tints_lamps() {
     for (glass, passes) in glasses() {
-        assert_near(floor(&baked(&with_sun(under_card(2.0, glass, |_| 255)), 8.0, 0.01)), passes, 1e-3);
+        let scene = with_sun(under_card(2.0, glass, |_| 255));
+        let b = baked(&scene, 8.0, 0.01);
+        assert_near(floor(&b), passes, 1e-3);
+        check_paths(&scene, &b, &on_floor(&b), 1e-3, |_| passes.y);
     }
 }
 
@@ -100,6 +109,8 @@ fn coloured_glass_tints_the_sky() {
         let mut scene = under_card(2000.0, glass, |_| 255);
         // Nothing from below, where the glass would reflect it to the floor.
         scene.environment = Environment::Gradient { zenith: Rgb::ONE, horizon: Rgb::ONE, ground: Rgb::ZERO };
-        assert_near(floor(&baked(&scene, 0.25, 0.01)), passes * PI, 0.01);
+        let b = baked(&scene, 0.25, 0.01);
+        assert_near(floor(&b), passes * PI, 0.01);
+        check_paths(&scene, &b, &on_floor(&b), 0.01, |_| passes.y * PI);
     }
 }

@@ -1,5 +1,6 @@
 //! Known truths of radiosity, held by the whole chain from geometry to texels.
 
+mod audit;
 mod lamps;
 mod leaves;
 mod rooms;

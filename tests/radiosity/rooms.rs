@@ -108,10 +108,15 @@ pub(crate) struct Baked {
     pub(crate) light: Lightmap,
 }
 
-pub(crate) fn baked(scene: &Scene, texels_per_metre: f32, error: f32) -> Baked {
+pub(crate) fn laid_out(scene: &Scene, texels_per_metre: f32) -> (Atlas, Texels) {
     let settings = AtlasSettings { texels_per_metre: Some(texels_per_metre), ..AtlasSettings::default() };
     let (atlas, _) = atlas::build(scene, &settings, &Silent).expect("the room can be unwrapped");
     let texels = atlas::rasterise(scene, &atlas, &Silent).expect("nobody cancels");
+    (atlas, texels)
+}
+
+pub(crate) fn baked(scene: &Scene, texels_per_metre: f32, error: f32) -> Baked {
+    let (atlas, texels) = laid_out(scene, texels_per_metre);
     let mut clock = StageClock::start();
     let (light, _) = bake::light(scene, &atlas, &texels, error, &mut clock, &Silent).expect("nobody cancels");
     Baked { atlas, texels, light }

@@ -1,6 +1,7 @@
 //! Light from environment pictures: what arrives is the sum over the pixels, and a sun of one pixel casts its shadow
 //! where geometry says.
 
+use super::audit::check_paths;
 use super::rooms::{Baked, Face, Room, baked, mean};
 use glam::{DVec3, Quat, Vec2, Vec3};
 use lightkiln::scene::{Cell, Environment, Panorama, Rgb, Scene, Sky};
@@ -54,11 +55,13 @@ fn irradiance_is_the_sum_over_the_pixels() {
     for (name, picture) in pictures {
         for normal in [Vec3::Y, Vec3::new(0.6, 0.0, -0.8), Vec3::new(-0.5, 0.5, 0.7).normalize()] {
             // So many texels that the probes of a smooth surface average to its mean.
-            let b = baked(&lit(square(normal), &picture, rotation), 96.0, 0.005);
+            let scene = lit(square(normal), &picture, rotation);
+            let b = baked(&scene, 96.0, 0.005);
             let (got, want) = (mean(&b.where_at(|_, _| true)), sum_over_pixels(&picture, rotation, normal));
             // All probes share their directions, so what noise costs them does not average out.
             let tolerance = if name == "rough" { 0.01 } else { 0.005 };
             assert!((got / want - 1.0).abs() < tolerance, "{name}, normal {normal}: {got} instead of {want}");
+            check_paths(&scene, &b, &(0..b.texels.len()).collect::<Vec<_>>(), 0.005, |_| want);
         }
     }
 }
@@ -102,4 +105,6 @@ fn a_sky_beside_a_wall() {
     let b = baked(&scene, 0.5, 0.005);
     let got = mean(&b.where_at(|_, n| n.y > 0.5)) / std::f32::consts::PI;
     assert!((got / 0.853_553_4 - 1.0).abs() < 0.005, "{got}");
+    let floor: Vec<usize> = (0..b.texels.len()).filter(|&t| b.texels.geometric_normal[t].y > 0.5).collect();
+    check_paths(&scene, &b, &floor, 0.005, |_| 0.853_553_4 * std::f32::consts::PI);
 }
