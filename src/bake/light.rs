@@ -3,7 +3,8 @@
 use crate::accel::Accel;
 use crate::atlas::{Atlas, Texels};
 use crate::gather::{
-    self, CellSettings, DirectSettings, Emission, Footprint, Lamp, Lamps, Lightmap, LitScene, ProbeSettings, Source,
+    self, CellSettings, DirectSettings, Emission, Footprint, Lamp, Lamps, Lightmap, LitScene, Portals, ProbeSettings,
+    Source,
 };
 use crate::hierarchy::{self, Hierarchy, Side, Surface, Surfels};
 use crate::output::report::{SolverFacts, StageClock};
@@ -11,6 +12,7 @@ use crate::progress::{Cancelled, Progress, Stage};
 use crate::scene::{Rgb, Scene};
 use crate::solve::{self, Elements, SolveSettings};
 use crate::transport::Exchange;
+use glam::Vec3;
 use std::collections::BTreeMap;
 use std::f32::consts::PI;
 
@@ -51,7 +53,8 @@ pub fn light(
     let (emission, mut lamps) = gather::classify(scene);
     lamps.extend(scene.lights.iter().map(Lamp::new));
     lamps.extend(Lamp::of_environment(&scene.environment));
-    let lamps = Lamps::new(lamps, &accel);
+    let portals = clock.measure(Stage::Direct, || Portals::find(&accel, &footprint, texels.len() as u32, progress))?;
+    let lamps = Lamps::new(lamps, portals, &accel);
     let direct_settings = DirectSettings::for_error(error);
     let direct = clock.measure(Stage::Direct, || {
         gather::texel_direct(&lamps, atlas, texels, &footprint, &direct_settings, progress)
@@ -62,7 +65,14 @@ pub fn light(
         let surfels = Surfels::new(scene, atlas, texels, footprint.covered(), footprint.parted(), footprint.crossed());
         let tree = hierarchy(&accel, atlas, &surfels, progress)?;
         let elements = elements(scene, atlas, &surfels, &tree, &emission, &lamps, &direct.irradiance);
-        let survey = solve::survey(&accel, &surfels, &tree, SURVEY_RAYS, progress)?;
+        let sky = |position: Vec3, normal: Vec3, direction: Vec3, solid_angle: f32| {
+            if lamps.screen(position, normal).hides(position, direction) {
+                Rgb::ZERO
+            } else {
+                scene.environment.mean_radiance(direction, solid_angle)
+            }
+        };
+        let survey = solve::survey(&accel, &surfels, &tree, sky, SURVEY_RAYS, progress)?;
         let exchange = Exchange { hierarchy: &tree, surfels: &surfels, accel: &accel };
         let solution = solve::solve(&exchange, &elements, &survey, &SolveSettings::for_error(error), progress)?;
         counts.solver.nodes = tree.nodes.len() as u64;

@@ -6,10 +6,10 @@
 use super::guide::{Glance, Guide};
 use super::source::{LitScene, Source};
 use crate::accel::offset_origin;
+use crate::hierarchy::Side;
 use crate::math::{Sequence, cosine_hemisphere, hash2};
 use crate::progress::{Cancelled, Progress};
 use crate::scene::Rgb;
-use glam::Vec3;
 use rayon::prelude::*;
 use std::f32::consts::PI;
 use std::ops::Range;
@@ -54,10 +54,7 @@ pub fn bounce(
             let mut glances = Vec::with_capacity(hits.len());
             for ((e, fixed), hits) in elements.zip(fixed).zip(hits.chunks_mut(RAYS as usize)) {
                 let node = tree.elements[e as usize].node;
-                let from = |u| {
-                    let (surfel, side) = tree.sample(surfels, node, u);
-                    (surfels.position(surfel), tree.normal(surfels, surfel, side))
-                };
+                let from = |u| tree.sample(surfels, node, u);
                 *fixed = cast(&direct_only, hash2(e, 0xe1e3), from, hits, |glance| glances.push(glance));
             }
             if progress.is_cancelled() { Err(Cancelled) } else { Ok(Guide::bright(&glances)) }
@@ -65,7 +62,7 @@ pub fn bounce(
         .collect::<Result<_, Cancelled>>()?;
     fixed_shut.par_iter_mut().zip(hits_shut.par_chunks_mut(RAYS as usize)).zip(shut).try_for_each(
         |((fixed, hits), &texel)| {
-            let from = |_| (surfels.position(texel), surfels.normal(texel));
+            let from = |_| (texel, Side::Front);
             *fixed = cast(&direct_only, hash2(texel, 0x5407), from, hits, |_| ());
             if progress.is_cancelled() { Err(Cancelled) } else { Ok(()) }
         },
@@ -106,22 +103,23 @@ fn tasks<'a>(groups: &[Range<u32>], mut fixed: &'a mut [Rgb], mut hits: &'a mut 
     tasks
 }
 
-/// Irradiance of a receiver from the scene lit by lamps alone. Rays start where `from` says for a number in 0..1: position
-/// and unit normal. The receivers that they meet go to `hits`, what they see to `glance`.
+/// Irradiance of a receiver from the scene lit by lamps alone. Rays start where `from` says for a number in 0..1. The receivers that they meet go to `hits`, what they see to `glance`.
 fn cast(
     source: &Source,
     seed: u32,
-    from: impl Fn(f32) -> (Vec3, Vec3),
+    from: impl Fn(f32) -> (u32, Side),
     hits: &mut [u32],
     mut glance: impl FnMut(Glance),
 ) -> Rgb {
     let sequence = Sequence::new(seed);
     let mut sum = Rgb::ZERO;
     for (i, hit) in hits.iter_mut().enumerate() {
-        let (position, normal) = from(sequence.second(i as u32).x);
+        let (surfel, side) = from(sequence.second(i as u32).x);
+        let (position, normal) = source.place(surfel, side);
         let direction = cosine_hemisphere(normal, sequence.first(i as u32));
         let solid_angle = PI / (RAYS as f32 * direction.dot(normal).max(0.05));
-        let seen = source.look(offset_origin(position, normal), direction, solid_angle);
+        let screen = source.screen(surfel, side);
+        let seen = source.look(offset_origin(position, normal), direction, solid_angle, screen);
         sum += seen.radiance;
         glance((direction, seen.radiance.element_sum() / 3.0));
         *hit = seen.receiver.unwrap_or(NOTHING);

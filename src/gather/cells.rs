@@ -99,7 +99,7 @@ pub fn indirect(
             .par_iter()
             .zip(&corners)
             .map(|(cell, &corners)| {
-                let outcome = state.decide(cell, corners, settings);
+                let outcome = state.decide(source, cell, corners, settings);
                 if let Outcome::Done(values) = &outcome {
                     counter.advance(values.len())?;
                 }
@@ -221,7 +221,7 @@ impl State<'_> {
     }
 
     /// Splits the cell, or interpolates its texels.
-    fn decide(&self, cell: &Cell, corners: [u32; 4], settings: &CellSettings) -> Outcome {
+    fn decide(&self, source: &Source, cell: &Cell, corners: [u32; 4], settings: &CellSettings) -> Outcome {
         let owned = self.owned(cell);
         if owned.is_empty() {
             return Outcome::Done(Vec::new());
@@ -232,7 +232,7 @@ impl State<'_> {
         }
         let blend = Blend::new(self, &Rect { x: cell.x, y: cell.y, corners });
         let splittable = cell.x[1] - cell.x[0] > 1 || cell.y[1] - cell.y[0] > 1;
-        if splittable && !self.is_fine(cell, corners, &owned, &blend, settings) {
+        if splittable && !self.is_fine(source, cell, corners, &owned, &blend, settings) {
             return Outcome::Split(split(cell, corners));
         }
         let value = |(t, p): (u32, Vec2)| {
@@ -262,6 +262,7 @@ impl State<'_> {
     /// True if interpolation between the corners is expected to stay within the tolerance.
     fn is_fine(
         &self,
+        source: &Source,
         cell: &Cell,
         corners: [u32; 4],
         owned: &[(u32, Vec2)],
@@ -272,7 +273,8 @@ impl State<'_> {
         let probes = corners.map(|c| self.probe(c));
         let values = probes.map(|p| p.irradiance.element_sum() / 3.0);
         let mean = values.iter().sum::<f32>() / 4.0;
-        let tolerance = settings.tolerance * (mean + settings.floor);
+        let direct = corners.map(|c| source.direct(c)).into_iter().fold(f32::INFINITY, f32::min);
+        let tolerance = settings.tolerance * (mean + direct + settings.floor);
         let noise = probes.iter().map(|p| p.error).fold(0.0, f32::max);
         let low = values.iter().copied().fold(f32::INFINITY, f32::min);
         let high = values.iter().copied().fold(0.0, f32::max);

@@ -29,7 +29,9 @@ impl Reach {
                 let strength = triangles.iter().map(|t| t.area * t.radiance.max_element()).sum();
                 Self { centre: *centre, radius: *radius, strength: Some(strength) }
             }
-            Shape::Sun { .. } | Shape::Region(_) => Self { centre: Vec3::ZERO, radius: 0.0, strength: None },
+            Shape::Sun { .. } | Shape::Region(_) | Shape::Portal(_) => {
+                Self { centre: Vec3::ZERO, radius: 0.0, strength: None }
+            }
         }
     }
 

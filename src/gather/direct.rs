@@ -27,6 +27,9 @@ const PENUMBRA: f32 = 2.0;
 /// Times the irradiance of a texel, and share of the scene's mean, that its penumbrae are measured by.
 const BESIDE: f32 = 2.0;
 const DIM: f32 = 0.1;
+/// Errors of the lightmap that a part of the sky must bring to be looked for, and most rays that do so.
+const SLIVER: f32 = 8.0;
+const MOST_BLIND: u32 = 128;
 /// Points of a texel that is near a lamp.
 const NEAR_SAMPLES: u32 = 32;
 
@@ -49,6 +52,13 @@ impl DirectSettings {
         Self { base: 4, edge: 16, most: 1024, error }
     }
 
+    /// Rays of every texel to the sky behind portals, which unblocked would bring `free` where about `around` W/m² arrive.
+    /// Most of it may be hidden, and what is left must not be missed where it matters.
+    fn sky(&self, free: f32, around: f32) -> u32 {
+        let rays = free / (SLIVER * self.error * around.max(1e-12));
+        (rays.min(MOST_BLIND as f32) as u32).next_power_of_two().clamp(self.edge, MOST_BLIND)
+    }
+
     /// Rays of a texel that sees part of a lamp which unblocked would bring `free`, where about `around` W/m² arrive.
     /// The error of stratified visibility falls as n^(−3/4).
     fn penumbra(&self, free: f32, around: f32) -> u32 {
@@ -57,12 +67,16 @@ impl DirectSettings {
     }
 }
 
+/// Irradiance that the light of one lamp is measured by at a texel, W/m², where `so_far` arrives there and `mean` in the
+/// whole scene: what is dim beside the scene must be clean beside what lights it.
+fn around(so_far: Rgb, mean: f32) -> f32 {
+    (BESIDE * so_far.max_element()).clamp(DIM * mean, mean)
+}
+
 /// Light straight from lamps at every texel.
 pub struct Direct {
     /// W/m².
     pub irradiance: Vec<Rgb>,
-    /// True where some lamp is neither wholly seen nor wholly blocked, so that the mean says little about a point.
-    pub mixed: Vec<bool>,
     /// Rays cast.
     pub rays: u64,
 }
@@ -77,52 +91,55 @@ pub fn texel_direct(
     progress: &dyn Progress,
 ) -> Result<Direct, Cancelled> {
     let mut irradiance = vec![Rgb::ZERO; texels.len()];
-    let mut mixed = vec![false; texels.len()];
-    let counter = Counter::new(progress, Stage::Direct, texels.len() * lamps.lamps.len() * 2);
+    let counter = Counter::new(progress, Stage::Direct, texels.len() * lamps.len() * 2);
     let rays = AtomicU64::new(0);
     let mean = sample_mean(lamps, footprint, texels.len());
     let mut first = vec![Visibility::default(); texels.len()];
-    for lamp in 0..lamps.lamps.len() {
+    for lamp in 0..lamps.len() {
         first.par_chunks_mut(CHUNK).enumerate().try_for_each(|(chunk, sums)| {
             let mut cast = 0;
             for (i, sum) in sums.iter_mut().enumerate() {
                 let texel = (chunk * CHUNK + i) as u32;
                 *sum = Visibility::default();
+                let Some(sender) = lamps.get(lamp, &footprint.centre(texel)) else { continue };
                 let point = |u| footprint.point(texel, u);
-                cast += lamps.test(lamp, texel, 0..settings.base, point, sum);
+                let base = if lamps.is_sky(lamp) {
+                    let free = unoccluded(sender, texels, footprint, texel);
+                    settings.sky(free.max_element(), around(irradiance[texel as usize], mean))
+                } else {
+                    settings.base
+                };
+                cast += lamps.test(sender, hash2(texel, lamp as u32), base, point, sum);
             }
             rays.fetch_add(cast, Ordering::Relaxed);
             counter.advance(sums.len())
         })?;
-        let outputs = irradiance.par_chunks_mut(CHUNK).zip(mixed.par_chunks_mut(CHUNK));
-        outputs.enumerate().try_for_each(|(chunk, (out, mixed))| {
+        irradiance.par_chunks_mut(CHUNK).enumerate().try_for_each(|(chunk, out)| {
             let mut cast = 0;
-            for (i, (e, mixed)) in out.iter_mut().zip(mixed).enumerate() {
+            for (i, e) in out.iter_mut().enumerate() {
                 let texel = (chunk * CHUNK + i) as u32;
-                let free = unoccluded(&lamps.lamps[lamp], texels, footprint, texel);
+                let Some(sender) = lamps.get(lamp, &footprint.centre(texel)) else { continue };
+                let free = unoccluded(sender, texels, footprint, texel);
                 if free.max_element() <= 0.0 && first[texel as usize].seen() == Seen::Never {
                     continue;
                 }
                 let mut sum = first[texel as usize];
                 if sum.seen() == Seen::Part || disagrees(atlas, texels, &first, texel) {
                     let point = |u| footprint.point(texel, u);
-                    cast += lamps.test(lamp, texel, settings.base..settings.edge, point, &mut sum);
+                    let seed = hash2(texel, lamp as u32);
+                    cast += lamps.test(sender, seed, settings.edge, point, &mut sum);
                     if sum.seen() == Seen::Part {
-                        // What is dim beside the scene must be clean beside what lights it.
-                        let so_far = (*e + free * sum.share()).max_element();
-                        let around = (BESIDE * so_far).clamp(DIM * mean, mean);
-                        let most = settings.penumbra(free.max_element(), around);
-                        cast += lamps.test(lamp, texel, settings.edge..most, point, &mut sum);
+                        let most = settings.penumbra(free.max_element(), around(*e + free * sum.share(), mean));
+                        cast += lamps.test(sender, seed, most, point, &mut sum);
                     }
                 }
-                *mixed |= sum.seen() == Seen::Part;
                 *e += free * sum.share();
             }
             rays.fetch_add(cast, Ordering::Relaxed);
             counter.advance(out.len())
         })?;
     }
-    Ok(Direct { irradiance, mixed, rays: rays.into_inner() })
+    Ok(Direct { irradiance, rays: rays.into_inner() })
 }
 
 /// Mean irradiance from all lamps, W/m², mean of channels, from every so many-th texel.

@@ -15,7 +15,7 @@ const SIDE: usize = 32;
 /// Elements that share what they saw, at most.
 const GROUP: usize = 64;
 /// Times the mean radiance from which on a ray is worth a closer look.
-const HOT: f32 = 4.0;
+const HOT: f32 = 10.0;
 
 /// One bit per direction bin.
 type Bins = [u32; SIDE * SIDE / 32];

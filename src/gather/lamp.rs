@@ -1,5 +1,6 @@
 //! A lamp as the receiver sees it: unoccluded irradiance in closed form, and points to test visibility to.
 
+use super::portal::Portal;
 use super::region::{Region, regions};
 use crate::math::{orthonormal_basis, shifted, uniform_disk};
 use crate::scene::{
@@ -83,6 +84,8 @@ pub enum Shape {
     },
     /// A bright region of the environment.
     Region(Region),
+    /// The sky as it is seen through openings.
+    Portal(Portal),
     /// Emissive triangles.
     Triangles {
         /// The triangles.
@@ -213,6 +216,7 @@ impl Lamp {
                 beam.map_or(near, |beam| near.min(beam.smoothness(p - *centre)))
             }
             Shape::Sun { .. } | Shape::Region(_) => f32::INFINITY,
+            Shape::Portal(portal) => portal.distance(p),
             Shape::Triangles { centre, radius, .. } => p.distance(*centre) - radius,
         }
     }
@@ -257,6 +261,7 @@ impl Lamp {
                 }
             }
             Shape::Region(region) => region.unoccluded(n),
+            Shape::Portal(portal) => portal.unoccluded(p, n),
             Shape::Triangles { triangles, .. } => triangles.iter().map(|t| t.unoccluded(p, n)).sum(),
         }
     }
@@ -292,6 +297,7 @@ impl Lamp {
                 LampSample { direction, distance: f32::INFINITY, weight: *irradiance }
             }
             Shape::Region(region) => region.sample(u),
+            Shape::Portal(portal) => portal.sample(p, u)?,
             Shape::Triangles { triangles, .. } => {
                 let i = triangles.partition_point(|t| t.cumulative <= u.x).min(triangles.len() - 1);
                 let t = &triangles[i];

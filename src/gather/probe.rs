@@ -7,7 +7,9 @@
 
 use super::footprint::Footprint;
 use super::source::{Followed, Source};
+use super::visibility::Screen;
 use crate::accel::offset_origin;
+use crate::hierarchy::Side;
 use crate::math::{Sequence, cosine_hemisphere, hash2};
 use crate::scene::Rgb;
 use glam::Vec2;
@@ -20,7 +22,7 @@ const STRATA: usize = SIDE * SIDE;
 /// Most rays of one stratum.
 const MOST: f32 = 4096.0;
 /// Rays of a stratum in which neighbours saw something bright.
-const LOOKS: u32 = 8;
+const LOOKS: u32 = 4;
 /// Places of a stratum, in units of strata, at which the guide is asked.
 const INSIDE: [Vec2; 5] =
     [Vec2::new(0.5, 0.5), Vec2::new(0.1, 0.1), Vec2::new(0.9, 0.1), Vec2::new(0.1, 0.9), Vec2::new(0.9, 0.9)];
@@ -32,7 +34,7 @@ const ROUNDS: u32 = 2;
 pub struct ProbeSettings {
     /// Most rays on top of one per stratum.
     pub extra: u32,
-    /// Standard error, relative to the irradiance, at which a probe is content.
+    /// Standard error, relative to the irradiance with that from lamps, at which a probe is content.
     pub tolerance: f32,
     /// Irradiance below which errors do not matter, W/m².
     pub floor: f32,
@@ -54,7 +56,7 @@ pub struct Probe {
 impl Probe {
     /// Gathers at `texel`. Rays start all over the texel's usable part, so that the value is its mean.
     pub fn gather(source: &Source, footprint: &Footprint, texel: u32, settings: &ProbeSettings) -> Self {
-        let view = View { source, footprint, texel };
+        let view = View { source, footprint, texel, screen: source.screen(texel, Side::Front) };
         let mut strata = [Stratum::default(); STRATA];
         let (mut inverse, mut rays) = (0.0f32, 0);
         let sequence = Sequence::new(0x9a7e);
@@ -78,7 +80,8 @@ impl Probe {
         }
         let mut spread = spread(&strata.map(|s| s.mean()), &strata.map(|s| s.variance()));
         let mean = strata.iter().map(Stratum::mean).sum::<f32>() / STRATA as f32;
-        let tolerance = settings.tolerance * (mean + settings.floor / PI);
+        // What the eye compares is all the light at the texel, not the part gathered here.
+        let tolerance = settings.tolerance * (mean + (source.direct(texel) + settings.floor) / PI);
         for _ in 0..ROUNDS {
             let counts = allot(&spread, tolerance, settings.extra);
             for (s, stratum) in strata.iter_mut().enumerate() {
@@ -141,6 +144,7 @@ struct View<'a> {
     source: &'a Source<'a>,
     footprint: &'a Footprint<'a>,
     texel: u32,
+    screen: Screen<'a>,
 }
 
 impl View<'_> {
@@ -169,7 +173,8 @@ impl View<'_> {
         let cosine = direction.dot(p.shading_normal).max(0.05);
         let solid_angle = share * PI / (STRATA as f32 * cosine);
         let seed = hash2(u.x.to_bits(), u.y.to_bits());
-        self.source.follow(offset_origin(p.position, p.geometric_normal), direction, solid_angle, seed)
+        let origin = offset_origin(p.position, p.geometric_normal);
+        self.source.follow(origin, direction, solid_angle, self.screen, seed)
     }
 }
 

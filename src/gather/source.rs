@@ -4,7 +4,7 @@ use super::direct::Direct;
 use super::emitters::Emission;
 use super::footprint::Footprint;
 use super::guide::{Bright, Guide};
-use super::visibility::Lamps;
+use super::visibility::{Lamps, Screen};
 use crate::accel::{Accel, Hit, Ray, offset_origin};
 use crate::atlas::{Atlas, SurfacePoint};
 use crate::hierarchy::{Hierarchy, Side, Surfels};
@@ -173,22 +173,40 @@ impl<'a> Source<'a> {
         Self { lit, guide, front, elements, areas }
     }
 
+    /// Light straight from lamps at a texel, W/m², mean of channels.
+    pub fn direct(&self, texel: u32) -> f32 {
+        self.lit.direct.irradiance[texel as usize].element_sum() / 3.0
+    }
+
     /// What is bright as seen from a surfel's front.
     pub fn bright(&self, surfel: u32) -> Option<Bright<'_>> {
         Some(self.guide?.around(self.lit.hierarchy.element_of(surfel, Side::Front)?))
     }
 
-    /// What is seen along a ray that stands for `solid_angle` sr, as the coarse solution has it.
-    pub fn look(&self, origin: Vec3, direction: Vec3, solid_angle: f32) -> Seen {
-        let met = self.meet(origin, direction, solid_angle);
+    /// Position of a surfel and unit normal of its side.
+    pub fn place(&self, surfel: u32, side: Side) -> (Vec3, Vec3) {
+        let LitScene { surfels, hierarchy, .. } = self.lit;
+        (surfels.position(surfel), hierarchy.normal(surfels, surfel, side))
+    }
+
+    /// What rays from a surfel must not count of the sky; its neighbourhood is that of its middle.
+    pub fn screen(&self, surfel: u32, side: Side) -> Screen<'_> {
+        let (position, normal) = self.place(surfel, side);
+        self.lit.lamps.screen(position, normal)
+    }
+
+    /// What is seen along a ray that stands for `solid_angle` sr, as the coarse solution has it, but for the sky that
+    /// `screen` hides.
+    pub fn look(&self, origin: Vec3, direction: Vec3, solid_angle: f32, screen: Screen) -> Seen {
+        let met = self.meet(origin, direction, solid_angle, screen);
         let reflected = met.place.map_or(Rgb::ZERO, |place| self.cached(&place, met.distance, solid_angle));
         Seen { radiance: met.own + met.passed * reflected, receiver: met.receiver }
     }
 
     /// Like `look`, but a path that ends nearer than the coarse solution can tell what happens there, as in corners and
     /// narrow gaps, goes on. `seed` makes its turns.
-    pub fn follow(&self, origin: Vec3, direction: Vec3, solid_angle: f32, seed: u32) -> Followed {
-        let first = self.meet(origin, direction, solid_angle);
+    pub fn follow(&self, origin: Vec3, direction: Vec3, solid_angle: f32, screen: Screen, seed: u32) -> Followed {
+        let first = self.meet(origin, direction, solid_angle, screen);
         let (mut radiance, mut weight) = (first.own, first.passed);
         let (mut place, mut distance, mut solid_angle) = (first.place, first.distance, solid_angle);
         let mut rays = 1;
@@ -200,9 +218,11 @@ impl<'a> Source<'a> {
             }
             let seed = hash3(seed, turn, at.surfel);
             weight *= self.lit.surfels.reflectance(at.surfel);
-            radiance += weight * FRAC_1_PI * self.direct_at(&at, seed);
+            let (direct, screen) = self.direct_at(&at, seed);
+            radiance += weight * FRAC_1_PI * direct;
             let u = Vec2::new(unit_float(hash2(seed, 1)), unit_float(hash2(seed, 2)));
-            let next = self.meet(offset_origin(at.point, at.normal), cosine_hemisphere(at.normal, u), PI);
+            let origin = offset_origin(at.point, at.normal);
+            let next = self.meet(origin, cosine_hemisphere(at.normal, u), PI, screen);
             radiance += weight * next.own;
             weight *= next.passed;
             rays += 1;
@@ -216,14 +236,16 @@ impl<'a> Source<'a> {
     /// What a ray that stands for `solid_angle` sr runs into. What translucent surfaces send counts as own; of all that
     /// is met, the receiver is drawn by how much of the view it fills: colour is lost by that, but only to the coarse
     /// solution.
-    fn meet(&self, origin: Vec3, direction: Vec3, solid_angle: f32) -> Met {
+    fn meet(&self, origin: Vec3, direction: Vec3, solid_angle: f32, screen: Screen) -> Met {
         let accel = self.lit.accel;
         let mut ray = Ray { origin, direction, t_min: 0.0, t_max: f32::INFINITY };
         let mut met = Met { own: Rgb::ZERO, passed: Rgb::ONE, distance: f32::INFINITY, place: None, receiver: None };
         let mut draw = None;
         for layer in 0.. {
             let Some(hit) = accel.closest(&ray) else {
-                met.own += met.passed * accel.scene().environment.mean_radiance(direction, solid_angle);
+                if !screen.hides(origin, direction) {
+                    met.own += met.passed * accel.scene().environment.mean_radiance(direction, solid_angle);
+                }
                 return met;
             };
             let (emitted, place) = self.surface(&ray, &hit);
@@ -297,15 +319,16 @@ impl<'a> Source<'a> {
         }
     }
 
-    /// Irradiance straight from lamps at a place, W/m²: its texel's if that is lit evenly, else sampled.
-    fn direct_at(&self, place: &Place, seed: u32) -> Rgb {
-        let direct = self.lit.direct;
+    /// Irradiance straight from lamps at a place, W/m²: its texel's if it has one, else sampled. With what is
+    /// counted of the sky by that.
+    fn direct_at(&self, place: &Place, seed: u32) -> (Rgb, Screen<'_>) {
+        let LitScene { direct, lamps, .. } = self.lit;
         let s = place.surfel as usize;
-        if place.side == Side::Front && direct.mixed.get(s) == Some(&false) {
-            return direct.irradiance[s];
+        if place.side == Side::Front && s < direct.irradiance.len() {
+            return (direct.irradiance[s], self.screen(place.surfel, place.side));
         }
         let Place { point, normal, .. } = *place;
         let point = SurfacePoint { position: point, geometric_normal: normal, shading_normal: normal };
-        self.lit.lamps.at(&point, seed)
+        (lamps.at(&point, seed), lamps.screen(place.point, normal))
     }
 }

@@ -1,20 +1,23 @@
 //! Shadow rays: how much of each lamp a receiver sees.
 
 use super::choice::{Reach, draw};
-use super::lamp::Lamp;
+use super::lamp::{Lamp, Shape};
+use super::openings::Portals;
 use crate::accel::{Accel, Ray, offset_origin};
 use crate::atlas::SurfacePoint;
 use crate::math::{Sequence, hash2, unit_float};
 use crate::scene::Rgb;
 use crate::transport::SELF_INTERSECTION;
+use glam::{Vec2, Vec3};
 
 /// So many lamps are all tested at a single point.
 const FEW: usize = 4;
 
 /// All lamps with what they need to be tested.
 pub struct Lamps<'a> {
-    pub(super) lamps: Vec<Lamp>,
+    lamps: Vec<Lamp>,
     reaches: Vec<Reach>,
+    portals: Portals,
     accel: &'a Accel<'a>,
 }
 
@@ -33,6 +36,8 @@ pub(super) enum Seen {
 pub(super) struct Visibility {
     open: Rgb,
     all: Rgb,
+    /// Samples of the lamp that were tried.
+    pub(super) tried: u32,
 }
 
 impl Visibility {
@@ -54,38 +59,76 @@ impl Visibility {
     }
 }
 
+/// What rays from one receiver must not count of the sky.
+#[derive(Clone, Copy)]
+pub struct Screen<'a>(Option<&'a Lamp>);
+
+impl Screen<'_> {
+    /// True if the sky that a ray sees is sent to its receiver.
+    pub fn hides(&self, origin: Vec3, direction: Vec3) -> bool {
+        matches!(self.0, Some(Lamp { shape: Shape::Portal(portal), .. }) if portal.shows(origin, direction))
+    }
+}
+
 impl<'a> Lamps<'a> {
-    /// Lamps that shine into the scene of `accel`.
-    pub fn new(lamps: Vec<Lamp>, accel: &'a Accel<'a>) -> Self {
+    /// Lamps that shine into the scene of `accel`, and the portals through which its sky does.
+    pub fn new(lamps: Vec<Lamp>, portals: Portals, accel: &'a Accel<'a>) -> Self {
         let reaches = lamps.iter().map(Reach::new).collect();
-        Self { lamps, reaches, accel }
+        Self { lamps, reaches, portals, accel }
     }
 
-    /// Casts one ray per sample `indices` of `lamp` from points of one receiver.
+    /// Lamps that may light one receiver, numbered from zero: the sky seen through portals comes last.
+    pub(super) fn len(&self) -> usize {
+        self.lamps.len() + usize::from(!self.portals.is_empty())
+    }
+
+    /// True if number `lamp` is the sky, which is seen unlike in every neighbourhood.
+    pub(super) fn is_sky(&self, lamp: usize) -> bool {
+        lamp == self.lamps.len()
+    }
+
+    /// Number `lamp` of those that may light a surface point.
+    pub(super) fn get(&self, lamp: usize, place: &SurfacePoint) -> Option<&Lamp> {
+        if self.is_sky(lamp) {
+            self.portals.at(place.position, place.geometric_normal)
+        } else {
+            Some(&self.lamps[lamp])
+        }
+    }
+
+    /// Where rays from a surface point must not count the sky, because it is sent.
+    pub fn screen(&self, position: Vec3, normal: Vec3) -> Screen<'_> {
+        Screen(self.portals.at(position, normal))
+    }
+
+    /// Tries samples of `lamp` from points of one receiver until there are `count`. Returns the rays that took.
     pub(super) fn test(
         &self,
-        lamp: usize,
+        lamp: &Lamp,
         seed: u32,
-        indices: std::ops::Range<u32>,
-        point: impl Fn(glam::Vec2) -> SurfacePoint,
+        count: u32,
+        point: impl Fn(Vec2) -> SurfacePoint,
         sum: &mut Visibility,
     ) -> u64 {
-        let lamp_ref = &self.lamps[lamp];
-        let sequence = Sequence::new(hash2(seed, lamp as u32));
+        let sequence = Sequence::new(seed);
         let mut rays = 0;
-        for i in indices {
-            let p = point(sequence.second(i));
-            let Some(sample) = lamp_ref.sample(p.position, p.shading_normal, sequence.first(i)) else { continue };
-            sum.all += sample.weight;
-            if sample.direction.dot(p.geometric_normal) <= 0.0 {
-                continue;
-            }
-            rays += 1;
-            let ray = shadow_ray(&p, sample.direction, sample.distance);
-            sum.open +=
-                if lamp_ref.casts_shadows { sample.weight * self.accel.visibility(&ray) } else { sample.weight };
+        for i in sum.tried..count {
+            rays += self.probe(lamp, &point(sequence.second(i)), sequence.first(i), sum);
         }
         rays
+    }
+
+    /// Casts a ray to the point `u` of a lamp. Returns how many that took.
+    fn probe(&self, lamp: &Lamp, from: &SurfacePoint, u: Vec2, sum: &mut Visibility) -> u64 {
+        sum.tried += 1;
+        let Some(sample) = lamp.sample(from.position, from.shading_normal, u) else { return 0 };
+        sum.all += sample.weight;
+        if sample.direction.dot(from.geometric_normal) <= 0.0 {
+            return 0;
+        }
+        let ray = shadow_ray(from, sample.direction, sample.distance);
+        sum.open += if lamp.casts_shadows { sample.weight * self.accel.visibility(&ray) } else { sample.weight };
+        1
     }
 
     /// Irradiance at a point, W/m², from a ray to each of few lamps or to one drawn out of many.
@@ -95,32 +138,40 @@ impl<'a> Lamps<'a> {
             return self.mean(points, seed, 1);
         }
         let u = unit_float(hash2(seed, 0xd4a3));
-        draw(&self.lamps, &self.reaches, point.position, point.shading_normal, u)
-            .map_or(Rgb::ZERO, |(lamp, chance)| self.mean_of(lamp, points, seed, 1) / chance)
+        let drawn = draw(&self.lamps, &self.reaches, point.position, point.shading_normal, u);
+        let sky = if self.portals.is_empty() { Rgb::ZERO } else { self.mean_of(self.lamps.len(), points, seed, 1) };
+        sky + drawn.map_or(Rgb::ZERO, |(lamp, chance)| self.mean_of(lamp, points, seed, 1) / chance)
     }
 
     /// Irradiance from all lamps averaged over points, with `rays` rays per lamp.
     pub(super) fn mean(&self, points: &[SurfacePoint], seed: u32, rays: u32) -> Rgb {
-        (0..self.lamps.len()).map(|lamp| self.mean_of(lamp, points, seed, rays)).sum()
+        (0..self.len()).map(|lamp| self.mean_of(lamp, points, seed, rays)).sum()
     }
 
     /// The part of one lamp in [`Lamps::mean`].
     fn mean_of(&self, lamp: usize, points: &[SurfacePoint], seed: u32, rays: u32) -> Rgb {
-        let at = |p: &SurfacePoint| self.lamps[lamp].unoccluded(p.position, p.shading_normal);
+        let at = |p: &SurfacePoint| {
+            self.get(lamp, p).map_or(Rgb::ZERO, |lamp| lamp.unoccluded(p.position, p.shading_normal))
+        };
         let free = points.iter().map(at).sum::<Rgb>() / points.len() as f32;
         if free.max_element() <= 0.0 {
             return Rgb::ZERO;
         }
+        let sequence = Sequence::new(hash2(seed, lamp as u32));
         let mut sum = Visibility::default();
-        let pick = |u: glam::Vec2| points[((u.x * points.len() as f32) as usize).min(points.len() - 1)];
-        self.test(lamp, seed, 0..rays, pick, &mut sum);
+        for i in 0..rays {
+            let p = points[((sequence.second(i).x * points.len() as f32) as usize).min(points.len() - 1)];
+            if let Some(lamp) = self.get(lamp, &p) {
+                self.probe(lamp, &p, sequence.first(i), &mut sum);
+            }
+        }
         free * sum.share()
     }
 }
 
 /// The segment from just above a surface point to what lies at `distance` along `direction` from the point itself: aimed
 /// anew, so that at grazing angles the lifted ray does not pierce the lamp's own surface early.
-fn shadow_ray(p: &SurfacePoint, direction: glam::Vec3, distance: f32) -> Ray {
+fn shadow_ray(p: &SurfacePoint, direction: Vec3, distance: f32) -> Ray {
     let origin = offset_origin(p.position, p.geometric_normal);
     if distance.is_infinite() {
         return Ray { origin, direction, t_min: 0.0, t_max: f32::INFINITY };

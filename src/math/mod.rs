@@ -2,6 +2,8 @@
 
 mod direction;
 mod sequence;
+mod spherical_rect;
 
 pub use direction::{cosine_hemisphere, octahedral, orthonormal_basis, uniform_disk};
 pub use sequence::{Sequence, hash2, hash3, shifted, shuffled, unit_float};
+pub use spherical_rect::SphericalRect;

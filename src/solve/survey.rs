@@ -6,6 +6,7 @@ use crate::hierarchy::{Hierarchy, Side, Surface, Surfels};
 use crate::math::{Sequence, cosine_hemisphere, hash2, hash3, unit_float};
 use crate::progress::{Cancelled, Progress};
 use crate::scene::Rgb;
+use glam::Vec3;
 use rayon::prelude::*;
 use std::f32::consts::PI;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -20,11 +21,13 @@ pub struct Survey {
     pub rays: u64,
 }
 
-/// Casts `rays` stratified rays from every element.
+/// Casts `rays` stratified rays from every element. `sky_radiance` is the radiance that a ray sees which leaves the scene, from
+/// the position and unit normal that it starts from, its direction, and the solid angle that it stands for, sr.
 pub fn survey(
     accel: &Accel,
     surfels: &Surfels,
     tree: &Hierarchy,
+    sky_radiance: impl Fn(Vec3, Vec3, Vec3, f32) -> Rgb + Sync,
     rays: u32,
     progress: &dyn Progress,
 ) -> Result<Survey, Cancelled> {
@@ -32,8 +35,8 @@ pub fn survey(
         .into_par_iter()
         .map(|e| {
             let (mut sky, mut lit) = (Rgb::ZERO, 0);
-            look(accel, surfels, tree, e, rays, |direction, passed, hit| match hit {
-                None => sky += passed * accel.scene().environment.mean_radiance(direction, 2.0 * PI / rays as f32),
+            look(accel, surfels, tree, e, rays, |(position, normal), direction, passed, hit| match hit {
+                None => sky += passed * sky_radiance(position, normal, direction, 2.0 * PI / rays as f32),
                 Some((hit, side)) => lit += (side == Side::Front || is_two_sided(accel, hit)) as u32,
             });
             if progress.is_cancelled() {
@@ -61,7 +64,7 @@ pub fn hidden_backs(
     let seen: Vec<AtomicBool> = surfaces.iter().map(|_| AtomicBool::new(false)).collect();
     let scene = accel.scene();
     (0..tree.elements.len() as u32).into_par_iter().try_for_each(|e| {
-        look(accel, surfels, tree, e, rays, |_, _, hit| {
+        look(accel, surfels, tree, e, rays, |_, _, _, hit| {
             let Some((hit, Side::Back)) = hit else { return };
             let closed = scene.meshes[scene.instances[hit.instance as usize].mesh].closed;
             if closed || !is_two_sided(accel, hit) {
@@ -82,14 +85,14 @@ fn is_two_sided(accel: &Accel, hit: &Hit) -> bool {
     scene.material_of(scene.instances[hit.instance as usize].mesh, hit.triangle as usize).double_sided
 }
 
-/// Calls `visit` for every ray with its direction, what it has lost or gained in translucent surfaces, and what it meets.
+/// Calls `visit` for every ray with where it starts, its direction, what it has lost or gained in translucent surfaces, and what it meets.
 fn look(
     accel: &Accel,
     surfels: &Surfels,
     tree: &Hierarchy,
     element: u32,
     rays: u32,
-    mut visit: impl FnMut(glam::Vec3, Rgb, Option<(&Hit, Side)>),
+    mut visit: impl FnMut((Vec3, Vec3), Vec3, Rgb, Option<(&Hit, Side)>),
 ) {
     let node = tree.elements[element as usize].node;
     let sequence = Sequence::new(hash2(element, 0x5ee));
@@ -101,6 +104,7 @@ fn look(
         let ray = Ray { origin, direction, t_min: 0.0, t_max: f32::INFINITY };
         let (passed, hit) = follow(accel, ray, hash3(element, i, 0x7a1));
         visit(
+            (surfels.position(surfel), normal),
             direction,
             passed,
             hit.as_ref().map(|h| (h, if h.normal.dot(direction) <= 0.0 { Side::Front } else { Side::Back })),
