@@ -30,6 +30,8 @@ const DIM: f32 = 0.1;
 /// Errors of the lightmap that a part of the sky must bring to be looked for, and most rays that do so.
 const SLIVER: f32 = 8.0;
 const MOST_BLIND: u32 = 128;
+/// Times the rays that a texel casts if its neighbourhood disagrees.
+const CLOSER: u32 = 4;
 /// Points of a texel that is near a lamp.
 const NEAR_SAMPLES: u32 = 32;
 
@@ -38,8 +40,6 @@ const NEAR_SAMPLES: u32 = 32;
 pub struct DirectSettings {
     /// Rays of every texel to every lamp.
     pub base: u32,
-    /// Rays of a texel whose neighbourhood disagrees.
-    pub edge: u32,
     /// Most rays of a texel that sees part of the lamp.
     pub most: u32,
     /// Relative error of the lightmap to aim for.
@@ -49,21 +49,21 @@ pub struct DirectSettings {
 impl DirectSettings {
     /// Settings whose noise stays below a relative error of the whole lightmap.
     pub fn for_error(error: f32) -> Self {
-        Self { base: 4, edge: 16, most: 1024, error }
+        Self { base: 4, most: 1024, error }
     }
 
     /// Rays of every texel to the sky behind portals, which unblocked would bring `free` where about `around` W/m² arrive.
     /// Most of it may be hidden, and what is left must not be missed where it matters.
     fn sky(&self, free: f32, around: f32) -> u32 {
         let rays = free / (SLIVER * self.error * around.max(1e-12));
-        (rays.min(MOST_BLIND as f32) as u32).next_power_of_two().clamp(self.edge, MOST_BLIND)
+        (rays.min(MOST_BLIND as f32) as u32).next_power_of_two().clamp(CLOSER * self.base, MOST_BLIND)
     }
 
     /// Rays of a texel that sees part of a lamp which unblocked would bring `free`, where about `around` W/m² arrive.
     /// The error of stratified visibility falls as n^(−3/4).
     fn penumbra(&self, free: f32, around: f32) -> u32 {
         let rays = (0.5 * free / (PENUMBRA * self.error * around.max(1e-12))).powf(4.0 / 3.0);
-        (rays.min(self.most as f32) as u32).next_power_of_two().clamp(self.edge, self.most)
+        (rays.min(self.most as f32) as u32).next_power_of_two().clamp(CLOSER * self.base, self.most)
     }
 }
 
@@ -127,7 +127,8 @@ pub fn texel_direct(
                 if sum.seen() == Seen::Part || disagrees(atlas, texels, &first, texel) {
                     let point = |u| footprint.point(texel, u);
                     let seed = hash2(texel, lamp as u32);
-                    cast += lamps.test(sender, seed, settings.edge, point, &mut sum);
+                    let edge = CLOSER * sum.tried;
+                    cast += lamps.test(sender, seed, edge, point, &mut sum);
                     if sum.seen() == Seen::Part {
                         let most = settings.penumbra(free.max_element(), around(*e + free * sum.share(), mean));
                         cast += lamps.test(sender, seed, most, point, &mut sum);

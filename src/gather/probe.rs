@@ -1,9 +1,9 @@
 //! A probe: irradiance at one texel from all directions, by stratified rays into the coarse solution.
 //!
 //! The hemisphere is cut into strata of equal irradiance with one ray each; more rays go where the view changes, such
-//! as along the frame of a window. How many a stratum gets is told by its neighbours alone and never by its own ray:
-//! otherwise small bright things would be looked at again where a ray met them but not where it missed, and come out
-//! too dark.
+//! as along the frame of a window. How many a stratum gets is told by its neighbours and not by its own ray: otherwise
+//! small bright things would be looked at again where a ray met them but not where it missed, and come out too dark.
+//! Only where several rays were cast anyhow do these speak for themselves.
 
 use super::footprint::Footprint;
 use super::source::{Followed, Source};
