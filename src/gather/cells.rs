@@ -23,6 +23,8 @@ const CURVATURE: f32 = 0.06;
 const BEND: f32 = 0.08;
 /// A cell whose corners were foretold exactly still is this share as bad as its surroundings suggest.
 const TRUST: f32 = 0.3;
+/// Texels along a side from which on a cell is also looked at in its middle.
+const CHECKED: u32 = 4;
 /// Cosine of the largest angle between a texel's normal and the one interpolated for it.
 const COS_NORMAL: f32 = 0.99;
 
@@ -94,12 +96,19 @@ pub fn indirect(
     let mut cells: Vec<Cell> = (0..atlas.charts.len()).flat_map(|c| state.lattice(c)).collect();
     while !cells.is_empty() {
         let corners: Vec<[u32; 4]> = cells.par_iter().map(|c| state.corners(c)).collect();
-        state.gather(source, &corners, settings, progress)?;
+        state.gather(source, corners.iter().flatten().copied(), settings, progress)?;
+        let middles: Vec<Option<u32>> = cells
+            .par_iter()
+            .zip(&corners)
+            .map(|(cell, &corners)| state.middle(source, cell, corners, settings))
+            .collect();
+        state.gather(source, middles.iter().flatten().copied(), settings, progress)?;
         let outcomes: Vec<Outcome> = cells
             .par_iter()
             .zip(&corners)
-            .map(|(cell, &corners)| {
-                let outcome = state.decide(source, cell, corners, settings);
+            .zip(&middles)
+            .map(|((cell, &corners), &middle)| {
+                let outcome = state.decide(source, cell, corners, middle, settings);
                 if let Outcome::Done(values) = &outcome {
                     counter.advance(values.len())?;
                 }
@@ -185,20 +194,45 @@ impl State<'_> {
         })
     }
 
-    /// Gathers the probes that the cells' corners still lack.
+    /// The texel in the middle of a large cell that is fine by its corners: its probe must bear that out, for what
+    /// is narrow may pass between corners unseen.
+    fn middle(&self, source: &Source, cell: &Cell, corners: [u32; 4], settings: &CellSettings) -> Option<u32> {
+        let size = (cell.x[1] - cell.x[0]).max(cell.y[1] - cell.y[0]);
+        if size < CHECKED || corners[0] == NO_TEXEL {
+            return None;
+        }
+        let middle = self.texel(cell.chart, (cell.x[0] + cell.x[1]) / 2, (cell.y[0] + cell.y[1]) / 2)?;
+        let blend = Blend::new(self, &Rect { x: cell.x, y: cell.y, corners });
+        let is_fine = || self.is_fine(source, cell, corners, &self.owned(cell), &blend, settings);
+        (!self.footprint.is_hidden(middle) && is_fine()).then_some(middle)
+    }
+
+    /// True if the corners foretell the probe of the texel in the middle.
+    fn is_foretold(
+        &self,
+        source: &Source,
+        corners: [u32; 4],
+        blend: &Blend,
+        middle: u32,
+        tolerance: f32,
+        floor: f32,
+    ) -> bool {
+        let [x, y] = self.texels.pixel[middle as usize].map(f32::from);
+        let told = blend.value(Vec2::new(x, y), |k| self.probe(corners[k]).irradiance).element_sum() / 3.0;
+        let found = self.probe(middle);
+        let value = found.irradiance.element_sum() / 3.0;
+        (told - value).abs() <= 2.0 * tolerance * (value + source.direct(middle) + floor) + 2.0 * found.error
+    }
+
+    /// Gathers those of the probes `wanted` that are still lacking.
     fn gather(
         &mut self,
         source: &Source,
-        corners: &[[u32; 4]],
+        wanted: impl Iterator<Item = u32>,
         settings: &CellSettings,
         progress: &dyn Progress,
     ) -> Result<(), Cancelled> {
-        let mut wanted: Vec<u32> = corners
-            .iter()
-            .flatten()
-            .copied()
-            .filter(|&t| t != NO_TEXEL && self.probe_of[t as usize] == NO_PROBE)
-            .collect();
+        let mut wanted: Vec<u32> = wanted.filter(|&t| t != NO_TEXEL && self.probe_of[t as usize] == NO_PROBE).collect();
         wanted.sort_unstable();
         wanted.dedup();
         let footprint = self.footprint;
@@ -221,7 +255,14 @@ impl State<'_> {
     }
 
     /// Splits the cell, or interpolates its texels.
-    fn decide(&self, source: &Source, cell: &Cell, corners: [u32; 4], settings: &CellSettings) -> Outcome {
+    fn decide(
+        &self,
+        source: &Source,
+        cell: &Cell,
+        corners: [u32; 4],
+        middle: Option<u32>,
+        settings: &CellSettings,
+    ) -> Outcome {
         let owned = self.owned(cell);
         if owned.is_empty() {
             return Outcome::Done(Vec::new());
@@ -232,7 +273,11 @@ impl State<'_> {
         }
         let blend = Blend::new(self, &Rect { x: cell.x, y: cell.y, corners });
         let splittable = cell.x[1] - cell.x[0] > 1 || cell.y[1] - cell.y[0] > 1;
-        if splittable && !self.is_fine(source, cell, corners, &owned, &blend, settings) {
+        let is_fine = match middle {
+            Some(m) => self.is_foretold(source, corners, &blend, m, settings.tolerance, settings.floor),
+            None => !splittable || self.is_fine(source, cell, corners, &owned, &blend, settings),
+        };
+        if !is_fine {
             return Outcome::Split(split(cell, corners));
         }
         let value = |(t, p): (u32, Vec2)| {
