@@ -281,8 +281,11 @@ impl State<'_> {
             return Outcome::Split(split(cell, corners));
         }
         let value = |(t, p): (u32, Vec2)| {
+            // One probe more in the middle of a smooth cell would show as a dot.
             let e = match self.probe_of[t as usize] {
-                NO_PROBE => blend.value(p, |k| self.probe(corners[k]).irradiance).max(Rgb::ZERO),
+                own if own == NO_PROBE || middle == Some(t) => {
+                    blend.value(p, |k| self.probe(corners[k]).irradiance).max(Rgb::ZERO)
+                }
                 own => self.probes[own as usize].irradiance,
             };
             (t, e)
