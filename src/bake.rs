@@ -90,7 +90,8 @@ pub fn bake(path: &Path, settings: &Settings, progress: &dyn Progress) -> Result
     imported.warnings.extend(faults);
     let texels = clock.measure(Stage::Texels, || atlas::rasterise(scene, &atlas, progress))?;
 
-    let (mut lightmap, counts) = light(scene, &atlas, &texels, settings.error, &mut clock, progress)?;
+    let accel = clock.measure(Stage::Accel, || Accel::build(scene));
+    let (mut lightmap, counts) = light(&accel, &atlas, &texels, settings.error, &mut clock, progress)?;
     let irradiance = clock.measure(Stage::Post, || {
         post::fill_unusable(&atlas, &texels, &mut lightmap.combined, &lightmap.usable);
         post::finish(&atlas, &texels, scene, &lightmap.combined, &settings.post, progress)
@@ -101,7 +102,7 @@ pub fn bake(path: &Path, settings: &Settings, progress: &dyn Progress) -> Result
             let baked = post::at_texels(&atlas, &texels, &irradiance);
             let seed = u32::from_str_radix(hash.get(..8).unwrap_or_default(), 16).unwrap_or_default();
             let settings = AuditSettings { target: settings.error, most_rays, seed };
-            audit::audit(&Accel::build(scene), &atlas, &texels, &lightmap.usable, &baked, &settings, progress)
+            audit::audit(&accel, &atlas, &texels, &lightmap.usable, &baked, &settings, progress)
         })?,
         None => None,
     };

@@ -3,6 +3,7 @@
 use super::mean_channel;
 use super::shapes::Found;
 use crate::accel::offset_origin;
+use crate::math::Distribution;
 use crate::scene::{Rgb, Scene};
 use glam::{Vec2, Vec3};
 use std::collections::HashMap;
@@ -18,8 +19,8 @@ pub(super) struct Emitter {
     /// False: no ray meets it.
     pub(super) is_met: bool,
     triangles: Vec<usize>,
-    /// Share of the draws up to and with each triangle.
-    cumulative: Vec<f64>,
+    /// Draws them by power and area.
+    draw: Distribution,
     areas: Vec<f32>,
     /// A sphere around it.
     pub(super) centre: Vec3,
@@ -72,30 +73,21 @@ impl Emitter {
             return None;
         }
         let by_area = if total > 0.0 { BY_AREA } else { 1.0 };
-        let mut sum = 0.0;
-        let cumulative = powers
-            .iter()
-            .zip(&areas)
-            .map(|(&power, &area)| {
-                sum += (1.0 - by_area) * power / total.max(f64::MIN_POSITIVE) + by_area * f64::from(area) / surface;
-                sum
-            })
-            .collect();
+        let draw = Distribution::new(powers.iter().zip(&areas).map(|(&power, &area)| {
+            (1.0 - by_area) * power / total.max(f64::MIN_POSITIVE) + by_area * f64::from(area) / surface
+        }));
         let corners = || triangles.iter().flat_map(|&t| scene.corners(instance, t));
         let (low, high) = (corners().fold(Vec3::INFINITY, Vec3::min), corners().fold(Vec3::NEG_INFINITY, Vec3::max));
         let is_met = scene.instances[instance].casts_shadows;
         let (centre, radius) = ((low + high) * 0.5, low.distance(high) * 0.5);
         let power = total.max(f64::MIN_POSITIVE);
-        Some(Self { instance, is_met, triangles, cumulative, areas, centre, radius, power })
+        Some(Self { instance, is_met, triangles, draw, areas, centre, radius, power })
     }
 
     /// Draws a point as seen from `p`. The distance ends just above the surface.
     pub(super) fn sample(&self, scene: &Scene, p: Vec3, u: Vec2) -> Option<Found> {
-        let wanted = f64::from(u.x) * self.cumulative.last()?;
-        let index = self.cumulative.partition_point(|&c| c <= wanted).min(self.triangles.len() - 1);
-        let below = if index == 0 { 0.0 } else { self.cumulative[index - 1] };
-        let left = ((wanted - below) / (self.cumulative[index] - below).max(f64::MIN_POSITIVE)).clamp(0.0, 1.0) as f32;
-        let root = left.sqrt();
+        let (index, within) = self.draw.draw(u.x);
+        let root = within.sqrt();
         let barycentric = Vec2::new(root * (1.0 - u.y), root * u.y);
         let triangle = self.triangles[index];
         let [a, b, c] = scene.corners(self.instance, triangle);
@@ -119,9 +111,7 @@ impl Emitter {
     }
 
     fn density(&self, index: usize, distance: f32, facing: f32) -> f32 {
-        let below = if index == 0 { 0.0 } else { self.cumulative[index - 1] };
-        let chance = ((self.cumulative[index] - below) / self.cumulative.last().expect("there are triangles")) as f32;
-        chance / self.areas[index] * distance * distance / facing.max(f32::MIN_POSITIVE)
+        self.draw.chance(index) as f32 / self.areas[index] * distance * distance / facing.max(f32::MIN_POSITIVE)
     }
 }
 

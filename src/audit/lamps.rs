@@ -6,6 +6,7 @@ use super::emitters::{Emitter, Place, collect};
 use super::mean_channel;
 use super::shapes::{self, Crossing, Found};
 use crate::accel::Hit;
+use crate::math::Distribution;
 use crate::scene::{BrightCell, Environment, Light, LightShape, Scene};
 use glam::{Quat, Vec2, Vec3};
 use std::collections::HashMap;
@@ -41,10 +42,8 @@ struct Reach {
 /// The bright cells of a sky's picture.
 struct BrightSky<'a> {
     cells: Vec<(&'a BrightCell, Quat)>,
-    /// Share of the power up to and with each cell.
-    cumulative: Vec<f64>,
-    /// Radiance × solid angle, mean of channels.
-    power: f64,
+    /// Draws them by power: radiance × solid angle, mean of channels.
+    draw: Distribution,
 }
 
 /// A light that was drawn, with what was found of it.
@@ -137,7 +136,7 @@ impl Lit<'_> {
             }
             Lit::Lamp(light, reach) => near(light.position, reach.radius, reach.axis, reach.strength, p, normal),
             Lit::Emitter(e) => near(e.centre, e.radius, None, e.power as f32, p, normal),
-            Lit::Sky(sky) => sky.power as f32,
+            Lit::Sky(sky) => sky.draw.total() as f32,
         }
     }
 }
@@ -189,26 +188,16 @@ impl<'a> BrightSky<'a> {
         let Environment::Image(sky) = environment else { return None };
         let regions = sky.regions().iter();
         let cells: Vec<_> = regions.flat_map(|r| r.cells.iter().map(|cell| (cell, r.rotation))).collect();
-        let mut power = 0.0;
-        let cumulative = cells
-            .iter()
-            .map(|(cell, _)| {
-                power += cell.power();
-                power
-            })
-            .collect();
-        (power > 0.0).then_some(Self { cells, cumulative, power })
+        let draw = Distribution::new(cells.iter().map(|(cell, _)| cell.power()));
+        (draw.total() > 0.0).then_some(Self { cells, draw })
     }
 
     fn sample(&self, u: Vec2) -> Found {
-        let wanted = f64::from(u.x) * self.power;
-        let index = self.cumulative.partition_point(|&c| c <= wanted).min(self.cells.len() - 1);
-        let below = if index == 0 { 0.0 } else { self.cumulative[index - 1] };
-        let chance = self.cumulative[index] - below;
-        let within = ((wanted - below) / chance.max(f64::MIN_POSITIVE)).clamp(0.0, 1.0) as f32;
+        let (index, within) = self.draw.draw(u.x);
+        let chance = self.draw.chance(index).max(f64::MIN_POSITIVE);
         let (cell, rotation) = self.cells[index];
         let direction = rotation * cell.cell.direction(Vec2::new(within, u.y));
-        let weight = cell.radiance * (cell.cell.solid_angle() * self.power / chance.max(f64::MIN_POSITIVE)) as f32;
+        let weight = cell.radiance * (cell.cell.solid_angle() / chance) as f32;
         Found { direction, distance: f32::INFINITY, weight, density: None }
     }
 }

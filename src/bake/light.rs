@@ -39,7 +39,7 @@ pub struct Counts {
 
 /// Irradiance of every texel to within about `error` (relative RMSE).
 pub fn light(
-    scene: &Scene,
+    accel: &Accel,
     atlas: &Atlas,
     texels: &Texels,
     error: f32,
@@ -47,13 +47,13 @@ pub fn light(
     progress: &dyn Progress,
 ) -> Result<(Lightmap, Counts), Cancelled> {
     let mut counts = Counts::default();
-    let accel = clock.measure(Stage::Accel, || Accel::build(scene));
-    let footprint = clock.measure(Stage::Texels, || Footprint::new(&accel, atlas, texels, progress))?;
+    let scene = accel.scene();
+    let footprint = clock.measure(Stage::Texels, || Footprint::new(accel, atlas, texels, progress))?;
 
     let (emission, mut lamps) = gather::classify(scene);
     lamps.extend(scene.lights.iter().map(Lamp::new));
     lamps.extend(Lamp::of_environment(&scene.environment));
-    let portals = clock.measure(Stage::Direct, || Portals::find(&accel, &footprint, texels.len() as u32, progress))?;
+    let portals = clock.measure(Stage::Direct, || Portals::find(accel, &footprint, texels.len() as u32, progress))?;
     let lamps = Lamps::new(lamps, portals, &accel);
     let direct_settings = DirectSettings::for_error(error);
     let direct = clock.measure(Stage::Direct, || {
@@ -63,16 +63,12 @@ pub fn light(
 
     let (surfels, tree, elements, guess) = clock.measure(Stage::Solve, || {
         let surfels = Surfels::new(scene, atlas, texels, footprint.covered(), footprint.parted(), footprint.crossed());
-        let tree = hierarchy(&accel, atlas, &surfels, progress)?;
+        let tree = hierarchy(accel, atlas, &surfels, progress)?;
         let elements = elements(scene, atlas, &surfels, &tree, &emission, &lamps, &direct.irradiance);
         let sky = |position: Vec3, normal: Vec3, direction: Vec3, solid_angle: f32| {
-            if lamps.screen(position, normal).hides(position, direction) {
-                Rgb::ZERO
-            } else {
-                scene.environment.mean_radiance(direction, solid_angle)
-            }
+            lamps.screen(position, normal).sky(position, direction, solid_angle)
         };
-        let survey = solve::survey(&accel, &surfels, &tree, sky, SURVEY_RAYS, progress)?;
+        let survey = solve::survey(accel, &surfels, &tree, sky, SURVEY_RAYS, progress)?;
         let exchange = Exchange { hierarchy: &tree, surfels: &surfels, accel: &accel };
         let solution = solve::solve(&exchange, &elements, &survey, &SolveSettings::for_error(error), progress)?;
         counts.solver.nodes = tree.nodes.len() as u64;
@@ -86,7 +82,7 @@ pub fn light(
 
     let shut = gather::shut_texels(&surfels, &tree);
     let lit = LitScene {
-        accel: &accel,
+        accel,
         atlas,
         surfels: &surfels,
         hierarchy: &tree,

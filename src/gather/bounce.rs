@@ -4,8 +4,7 @@
 //! walls. One bounce by rays sees surfaces as they are; its hits are kept and iterated, from the links' solution on.
 
 use super::guide::{Glance, Guide};
-use super::source::{LitScene, Source};
-use crate::accel::offset_origin;
+use super::source::{LitScene, Source, Start};
 use crate::hierarchy::Side;
 use crate::math::{Sequence, cosine_hemisphere, hash2};
 use crate::progress::{Cancelled, Progress};
@@ -103,7 +102,8 @@ fn tasks<'a>(groups: &[Range<u32>], mut fixed: &'a mut [Rgb], mut hits: &'a mut 
     tasks
 }
 
-/// Irradiance of a receiver from the scene lit by lamps alone. Rays start where `from` says for a number in 0..1. The receivers that they meet go to `hits`, what they see to `glance`.
+/// Irradiance of a receiver from the scene lit by lamps alone. Rays start where `from` says for a number in 0..1. The
+/// receivers that they meet go to `hits`, what they see to `glance`.
 fn cast(
     source: &Source,
     seed: u32,
@@ -115,11 +115,10 @@ fn cast(
     let mut sum = Rgb::ZERO;
     for (i, hit) in hits.iter_mut().enumerate() {
         let (surfel, side) = from(sequence.second(i as u32).x);
-        let (position, normal) = source.place(surfel, side);
+        let Start { origin, normal, screen } = source.start(surfel, side);
         let direction = cosine_hemisphere(normal, sequence.first(i as u32));
         let solid_angle = PI / (RAYS as f32 * direction.dot(normal).max(0.05));
-        let screen = source.screen(surfel, side);
-        let seen = source.look(offset_origin(position, normal), direction, solid_angle, screen);
+        let seen = source.look(origin, direction, solid_angle, screen);
         sum += seen.radiance;
         glance((direction, seen.radiance.element_sum() / 3.0));
         *hit = seen.receiver.unwrap_or(NOTHING);

@@ -61,12 +61,25 @@ struct Rect {
 
 /// What is known of all texels so far.
 struct State<'a> {
+    source: &'a Source<'a>,
     atlas: &'a Atlas,
     texels: &'a Texels,
     footprint: &'a Footprint<'a>,
+    settings: &'a CellSettings,
     /// Probe of each texel, `NO_PROBE` if it has none.
     probe_of: Vec<u32>,
     probes: Vec<Probe>,
+}
+
+/// What the corners of a cell say of it.
+#[derive(Clone, Copy)]
+enum Verdict {
+    /// Interpolation will do.
+    Fine,
+    /// It will not.
+    Split,
+    /// It will do if the corners foretell the probe of this texel.
+    Ask(u32),
 }
 
 const NO_PROBE: u32 = u32::MAX;
@@ -90,25 +103,24 @@ pub fn indirect(
     settings: &CellSettings,
     progress: &dyn Progress,
 ) -> Result<Indirect, Cancelled> {
-    let mut state = State { atlas, texels, footprint, probe_of: vec![NO_PROBE; texels.len()], probes: Vec::new() };
+    let (probe_of, probes) = (vec![NO_PROBE; texels.len()], Vec::new());
+    let mut state = State { source, atlas, texels, footprint, settings, probe_of, probes };
     let mut irradiance = vec![Rgb::ZERO; texels.len()];
     let counter = Counter::new(progress, Stage::Gather, texels.len());
     let mut cells: Vec<Cell> = (0..atlas.charts.len()).flat_map(|c| state.lattice(c)).collect();
     while !cells.is_empty() {
         let corners: Vec<[u32; 4]> = cells.par_iter().map(|c| state.corners(c)).collect();
-        state.gather(source, corners.iter().flatten().copied(), settings, progress)?;
-        let middles: Vec<Option<u32>> = cells
-            .par_iter()
-            .zip(&corners)
-            .map(|(cell, &corners)| state.middle(source, cell, corners, settings))
-            .collect();
-        state.gather(source, middles.iter().flatten().copied(), settings, progress)?;
+        state.gather(corners.iter().flatten().copied(), progress)?;
+        let verdicts: Vec<Verdict> =
+            cells.par_iter().zip(&corners).map(|(c, &corners)| state.judge(c, corners)).collect();
+        let middles = verdicts.iter().filter_map(|verdict| if let Verdict::Ask(t) = verdict { Some(*t) } else { None });
+        state.gather(middles, progress)?;
         let outcomes: Vec<Outcome> = cells
             .par_iter()
             .zip(&corners)
-            .zip(&middles)
-            .map(|((cell, &corners), &middle)| {
-                let outcome = state.decide(source, cell, corners, middle, settings);
+            .zip(&verdicts)
+            .map(|((cell, &corners), &verdict)| {
+                let outcome = state.settle(cell, corners, verdict);
                 if let Outcome::Done(values) = &outcome {
                     counter.advance(values.len())?;
                 }
@@ -194,48 +206,12 @@ impl State<'_> {
         })
     }
 
-    /// The texel in the middle of a large cell that is fine by its corners: its probe must bear that out, for what
-    /// is narrow may pass between corners unseen.
-    fn middle(&self, source: &Source, cell: &Cell, corners: [u32; 4], settings: &CellSettings) -> Option<u32> {
-        let size = (cell.x[1] - cell.x[0]).max(cell.y[1] - cell.y[0]);
-        if size < CHECKED || corners[0] == NO_TEXEL {
-            return None;
-        }
-        let middle = self.texel(cell.chart, (cell.x[0] + cell.x[1]) / 2, (cell.y[0] + cell.y[1]) / 2)?;
-        let blend = Blend::new(self, &Rect { x: cell.x, y: cell.y, corners });
-        let is_fine = || self.is_fine(source, cell, corners, &self.owned(cell), &blend, settings);
-        (!self.footprint.is_hidden(middle) && is_fine()).then_some(middle)
-    }
-
-    /// True if the corners foretell the probe of the texel in the middle.
-    fn is_foretold(
-        &self,
-        source: &Source,
-        corners: [u32; 4],
-        blend: &Blend,
-        middle: u32,
-        tolerance: f32,
-        floor: f32,
-    ) -> bool {
-        let [x, y] = self.texels.pixel[middle as usize].map(f32::from);
-        let told = blend.value(Vec2::new(x, y), |k| self.probe(corners[k]).irradiance).element_sum() / 3.0;
-        let found = self.probe(middle);
-        let value = found.irradiance.element_sum() / 3.0;
-        (told - value).abs() <= 2.0 * tolerance * (value + source.direct(middle) + floor) + 2.0 * found.error
-    }
-
     /// Gathers those of the probes `wanted` that are still lacking.
-    fn gather(
-        &mut self,
-        source: &Source,
-        wanted: impl Iterator<Item = u32>,
-        settings: &CellSettings,
-        progress: &dyn Progress,
-    ) -> Result<(), Cancelled> {
+    fn gather(&mut self, wanted: impl Iterator<Item = u32>, progress: &dyn Progress) -> Result<(), Cancelled> {
         let mut wanted: Vec<u32> = wanted.filter(|&t| t != NO_TEXEL && self.probe_of[t as usize] == NO_PROBE).collect();
         wanted.sort_unstable();
         wanted.dedup();
-        let footprint = self.footprint;
+        let Self { source, footprint, settings, .. } = *self;
         let new: Vec<Probe> = wanted
             .par_iter()
             .map(|&t| {
@@ -254,43 +230,66 @@ impl State<'_> {
         &self.probes[self.probe_of[texel as usize] as usize]
     }
 
-    /// Splits the cell, or interpolates its texels.
-    fn decide(
-        &self,
-        source: &Source,
-        cell: &Cell,
-        corners: [u32; 4],
-        middle: Option<u32>,
-        settings: &CellSettings,
-    ) -> Outcome {
-        let owned = self.owned(cell);
-        if owned.is_empty() {
-            return Outcome::Done(Vec::new());
+    /// What the corners say of a cell whose corners have probes. A large cell that is fine by them is also asked in its
+    /// middle, for what is narrow may pass between corners unseen.
+    fn judge(&self, cell: &Cell, corners: [u32; 4]) -> Verdict {
+        let size = (cell.x[1] - cell.x[0]).max(cell.y[1] - cell.y[0]);
+        if size <= 1 || corners[0] == NO_TEXEL {
+            return Verdict::Fine;
         }
+        let owned = self.owned(cell);
+        if !owned.is_empty() && !self.is_fine(cell, corners, &owned) {
+            return Verdict::Split;
+        }
+        let middle = || self.texel(cell.chart, (cell.x[0] + cell.x[1]) / 2, (cell.y[0] + cell.y[1]) / 2);
+        match middle().filter(|&t| size >= CHECKED && !self.footprint.is_hidden(t)) {
+            Some(middle) if !owned.is_empty() => Verdict::Ask(middle),
+            _ => Verdict::Fine,
+        }
+    }
+
+    /// Splits the cell, or interpolates its texels.
+    fn settle(&self, cell: &Cell, corners: [u32; 4], verdict: Verdict) -> Outcome {
         if corners[0] == NO_TEXEL {
             // Nothing in reach can be lit.
-            return Outcome::Done(owned.into_iter().map(|(t, _)| (t, Rgb::ZERO)).collect());
+            return Outcome::Done(self.owned(cell).into_iter().map(|(t, _)| (t, Rgb::ZERO)).collect());
         }
         let blend = Blend::new(self, &Rect { x: cell.x, y: cell.y, corners });
-        let splittable = cell.x[1] - cell.x[0] > 1 || cell.y[1] - cell.y[0] > 1;
-        let is_fine = match middle {
-            Some(m) => self.is_foretold(source, corners, &blend, m, settings.tolerance, settings.floor),
-            None => !splittable || self.is_fine(source, cell, corners, &owned, &blend, settings),
+        let asked = match verdict {
+            Verdict::Split => return Outcome::Split(split(cell, corners)),
+            Verdict::Ask(middle) if !self.is_foretold(corners, &blend, middle) => {
+                return Outcome::Split(split(cell, corners));
+            }
+            Verdict::Ask(middle) => Some(middle),
+            Verdict::Fine => None,
         };
-        if !is_fine {
-            return Outcome::Split(split(cell, corners));
-        }
         let value = |(t, p): (u32, Vec2)| {
             // One probe more in the middle of a smooth cell would show as a dot.
             let e = match self.probe_of[t as usize] {
-                own if own == NO_PROBE || middle == Some(t) => {
-                    blend.value(p, |k| self.probe(corners[k]).irradiance).max(Rgb::ZERO)
-                }
+                own if own == NO_PROBE || asked == Some(t) => self.told(corners, &blend, p).max(Rgb::ZERO),
                 own => self.probes[own as usize].irradiance,
             };
             (t, e)
         };
-        Outcome::Done(owned.into_iter().map(value).collect())
+        Outcome::Done(self.owned(cell).into_iter().map(value).collect())
+    }
+
+    /// Irradiance at a page position as the corners have it, W/m².
+    fn told(&self, corners: [u32; 4], blend: &Blend, p: Vec2) -> Rgb {
+        blend.value(p, |k| self.probe(corners[k]).irradiance)
+    }
+
+    /// By how much the corners miss the probe of a texel, W/m², mean of channels.
+    fn miss(&self, corners: [u32; 4], blend: &Blend, texel: u32) -> f32 {
+        let [x, y] = self.texels.pixel[texel as usize].map(f32::from);
+        (self.told(corners, blend, Vec2::new(x, y)) - self.probe(texel).irradiance).element_sum().abs() / 3.0
+    }
+
+    /// True if the corners foretell the probe of the texel in the middle.
+    fn is_foretold(&self, corners: [u32; 4], blend: &Blend, middle: u32) -> bool {
+        let found = self.probe(middle);
+        let all = found.irradiance.element_sum() / 3.0 + self.source.direct(middle) + self.settings.floor;
+        self.miss(corners, blend, middle) <= 2.0 * self.settings.tolerance * all + 2.0 * found.error
     }
 
     /// Texels that the cell must fill, with their page positions.
@@ -308,15 +307,8 @@ impl State<'_> {
     }
 
     /// True if interpolation between the corners is expected to stay within the tolerance.
-    fn is_fine(
-        &self,
-        source: &Source,
-        cell: &Cell,
-        corners: [u32; 4],
-        owned: &[(u32, Vec2)],
-        blend: &Blend,
-        settings: &CellSettings,
-    ) -> bool {
+    fn is_fine(&self, cell: &Cell, corners: [u32; 4], owned: &[(u32, Vec2)]) -> bool {
+        let (source, settings) = (self.source, self.settings);
         let t = self.texels;
         let probes = corners.map(|c| self.probe(c));
         let values = probes.map(|p| p.irradiance.element_sum() / 3.0);
@@ -332,14 +324,8 @@ impl State<'_> {
         let ratio = size / reach.max(1e-12);
         let mut expected = CURVATURE * ratio * ratio * mean + BEND * (high - low - 2.0 * noise).max(0.0);
         if let Some(parent) = &cell.parent {
-            let foretold = Blend::new(self, parent);
-            let miss = (0..4)
-                .map(|k| {
-                    let [x, y] = t.pixel[corners[k] as usize].map(f32::from);
-                    let told = foretold.value(Vec2::new(x, y), |k| self.probe(parent.corners[k]).irradiance);
-                    (told.element_sum() / 3.0 - values[k]).abs()
-                })
-                .fold(0.0, f32::max);
+            let blend = Blend::new(self, parent);
+            let miss = corners.map(|c| self.miss(parent.corners, &blend, c)).into_iter().fold(0.0, f32::max);
             // Halving a cell quarters its curvature; what was foretold well needs no further cut.
             expected = expected.min((0.5 * miss).max(TRUST * expected));
         }
@@ -354,6 +340,7 @@ impl State<'_> {
         }
         // Folds and steps in the surface show in normals and positions before they show in light.
         let slack = 0.02 * reach + 0.25 * size / (cell.x[1] - cell.x[0]).max(cell.y[1] - cell.y[0]).max(1) as f32;
+        let blend = Blend::new(self, &Rect { x: cell.x, y: cell.y, corners });
         owned.iter().all(|&(texel, p)| {
             let n = blend.value(p, |k| t.shading_normal[corners[k] as usize]);
             let at = blend.value(p, |k| t.position[corners[k] as usize]);

@@ -25,7 +25,7 @@ impl Reach {
             Shape::Sphere { centre, radius, intensity, .. } => {
                 Self { centre: *centre, radius: *radius, strength: Some(intensity.max_element()) }
             }
-            Shape::Triangles { triangles, centre, radius } => {
+            Shape::Triangles { triangles, centre, radius, .. } => {
                 let strength = triangles.iter().map(|t| t.area * t.radiance.max_element()).sum();
                 Self { centre: *centre, radius: *radius, strength: Some(strength) }
             }

@@ -1,6 +1,7 @@
 //! Emissive surfaces: which are sent like lamps and which are met by gather rays.
 
 use super::lamp::{EmitterTriangle, Lamp, Shape};
+use crate::math::Distribution;
 use crate::scene::{AlphaMode, Rgb, Scene, TextureSlot};
 use glam::{Vec2, Vec3};
 
@@ -97,7 +98,6 @@ fn triangles_of(scene: &Scene, instance: usize, range: std::ops::Range<usize>) -
                 radiance,
                 area,
                 two_sided: scene.material_of(mesh, triangle).double_sided,
-                cumulative: 0.0,
             })
         })
         .collect()
@@ -152,16 +152,11 @@ fn group(mut triangles: Vec<EmitterTriangle>, lamps: &mut Vec<Lamp>) {
         group(rest, lamps);
         return;
     }
-    let total: f32 = triangles.iter().map(|t| t.area * t.radiance.max_element()).sum();
-    let mut sum = 0.0;
-    for t in &mut triangles {
-        sum += t.area * t.radiance.max_element();
-        t.cumulative = sum / total;
-    }
+    let draw = Distribution::new(triangles.iter().map(|t| f64::from(t.area * t.radiance.max_element())));
     let corners = || triangles.iter().flat_map(|t| t.corners);
     let (low, high) = (corners().fold(Vec3::INFINITY, Vec3::min), corners().fold(Vec3::NEG_INFINITY, Vec3::max));
     let (centre, radius) = ((low + high) * 0.5, low.distance(high) * 0.5);
-    lamps.push(Lamp { shape: Shape::Triangles { triangles, centre, radius }, casts_shadows: true });
+    lamps.push(Lamp { shape: Shape::Triangles { triangles, draw, centre, radius }, casts_shadows: true });
 }
 
 #[cfg(test)]

@@ -2,7 +2,7 @@
 
 use super::portal::Portal;
 use super::region::{Region, regions};
-use crate::math::{orthonormal_basis, shifted, uniform_disk};
+use crate::math::{Distribution, orthonormal_basis, shifted, uniform_disk};
 use crate::scene::{
     Environment, Falloff, Light, LightShape, NARROWEST_SPREAD, Profile, Rgb, spot_attenuation, spread_attenuation,
 };
@@ -90,6 +90,8 @@ pub enum Shape {
     Triangles {
         /// The triangles.
         triangles: Vec<EmitterTriangle>,
+        /// Draws them by power.
+        draw: Distribution,
         /// Centre of a sphere around them.
         centre: Vec3,
         /// Its radius.
@@ -110,8 +112,6 @@ pub struct EmitterTriangle {
     pub area: f32,
     /// True if the back emits too.
     pub two_sided: bool,
-    /// Share of the group's power up to and with this triangle.
-    pub cumulative: f32,
 }
 
 /// Angular falloff of a spot.
@@ -298,12 +298,10 @@ impl Lamp {
             }
             Shape::Region(region) => region.sample(u),
             Shape::Portal(portal) => portal.sample(p, u)?,
-            Shape::Triangles { triangles, .. } => {
-                let i = triangles.partition_point(|t| t.cumulative <= u.x).min(triangles.len() - 1);
+            Shape::Triangles { triangles, draw, .. } => {
+                let (i, within) = draw.draw(u.x);
                 let t = &triangles[i];
-                let below = if i == 0 { 0.0 } else { triangles[i - 1].cumulative };
-                let stretched = ((u.x - below) / (t.cumulative - below).max(1e-12)).clamp(0.0, 1.0);
-                let (r, s) = (stretched.sqrt(), u.y);
+                let (r, s) = (within.sqrt(), u.y);
                 let [a, b, c] = t.corners;
                 let v = a + (b - a) * (r * (1.0 - s)) + (c - a) * (r * s) - p;
                 // Triangles are drawn by power, so only hue is left of the radiance.

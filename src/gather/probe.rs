@@ -56,7 +56,7 @@ pub struct Probe {
 impl Probe {
     /// Gathers at `texel`. Rays start all over the texel's usable part, so that the value is its mean.
     pub fn gather(source: &Source, footprint: &Footprint, texel: u32, settings: &ProbeSettings) -> Self {
-        let view = View { source, footprint, texel, screen: source.screen(texel, Side::Front) };
+        let view = View { source, footprint, texel, screen: source.start(texel, Side::Front).screen };
         let mut strata = [Stratum::default(); STRATA];
         let (mut inverse, mut rays) = (0.0f32, 0);
         let sequence = Sequence::new(0x9a7e);

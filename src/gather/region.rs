@@ -1,6 +1,7 @@
 //! A bright region of the environment as a lamp at infinity: exact irradiance, and directions drawn by radiance.
 
 use super::lamp::LampSample;
+use crate::math::Distribution;
 use crate::scene::{BrightRegion, Environment, Rgb};
 use glam::{Quat, Vec2, Vec3};
 
@@ -8,8 +9,8 @@ use glam::{Quat, Vec2, Vec3};
 #[derive(Clone, Debug)]
 pub struct Region {
     source: BrightRegion,
-    /// Share of the power up to and with each cell.
-    cumulative: Vec<f32>,
+    /// Draws cells by power.
+    draw: Distribution,
     /// Direction and irradiance on a surface that faces it of every cell, in the world.
     cells: Vec<(Vec3, Rgb)>,
     /// Middle of a cone around all cells.
@@ -31,12 +32,9 @@ pub(super) fn regions(environment: &Environment) -> Vec<Region> {
 impl Region {
     fn new(source: BrightRegion) -> Self {
         let rotation: Quat = source.rotation;
-        let total: f64 = source.cells.iter().map(|c| c.power()).sum();
-        let (mut cumulative, mut sum) = (Vec::with_capacity(source.cells.len()), 0.0);
+        let draw = Distribution::new(source.cells.iter().map(|c| c.power()));
         let mut moment = [glam::DVec3::ZERO; 3];
         for cell in &source.cells {
-            sum += cell.power();
-            cumulative.push((sum / total) as f32);
             let direction = rotation.as_dquat() * cell.cell.moment();
             (0..3).for_each(|c| moment[c] += direction * cell.radiance[c] as f64);
         }
@@ -57,7 +55,7 @@ impl Region {
             .flat_map(|c| corners.map(|u| (rotation * c.cell.direction(u)).dot(axis)))
             .fold(1.0, f32::min);
         let sine = if farthest > 0.0 { (1.0 - farthest * farthest).max(0.0).sqrt() } else { 1.0 };
-        Self { source, cumulative, cells, axis, sine, moment: moment.map(|m| m.as_vec3()) }
+        Self { source, draw, cells, axis, sine, moment: moment.map(|m| m.as_vec3()) }
     }
 
     /// Irradiance on a surface with unit normal `n` if nothing blocks, W/m².
@@ -74,9 +72,7 @@ impl Region {
 
     /// A direction from `u` in the unit square, drawn by power; weight without the receiver's cosine.
     pub(super) fn sample(&self, u: Vec2) -> LampSample {
-        let i = self.cumulative.partition_point(|&c| c <= u.x).min(self.cumulative.len() - 1);
-        let below = if i == 0 { 0.0 } else { self.cumulative[i - 1] };
-        let within = ((u.x - below) / (self.cumulative[i] - below).max(1e-12)).clamp(0.0, 1.0);
+        let (i, within) = self.draw.draw(u.x);
         let cell = &self.source.cells[i];
         let direction = self.source.rotation * cell.cell.direction(Vec2::new(within, u.y));
         // Cells are drawn by power, so only hue is left of the radiance.

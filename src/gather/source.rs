@@ -22,6 +22,17 @@ const CONTACT: f32 = 1.0;
 /// Turns of a path at most.
 const MOST_TURNS: u32 = 8;
 
+/// Where rays from the side of a surfel start.
+#[derive(Clone, Copy)]
+pub struct Start<'a> {
+    /// Just above its middle.
+    pub origin: Vec3,
+    /// Unit normal of the side.
+    pub normal: Vec3,
+    /// The sky for them; the neighbourhood that decides on it is that of the surfel's middle.
+    pub screen: Screen<'a>,
+}
+
 /// What a ray sees.
 #[derive(Clone, Copy, Debug)]
 pub struct Seen {
@@ -183,20 +194,15 @@ impl<'a> Source<'a> {
         Some(self.guide?.around(self.lit.hierarchy.element_of(surfel, Side::Front)?))
     }
 
-    /// Position of a surfel and unit normal of its side.
-    pub fn place(&self, surfel: u32, side: Side) -> (Vec3, Vec3) {
-        let LitScene { surfels, hierarchy, .. } = self.lit;
-        (surfels.position(surfel), hierarchy.normal(surfels, surfel, side))
+    /// Where rays from a surfel's side start.
+    pub fn start(&self, surfel: u32, side: Side) -> Start<'_> {
+        let LitScene { surfels, hierarchy, lamps, .. } = self.lit;
+        let (position, normal) = (surfels.position(surfel), hierarchy.normal(surfels, surfel, side));
+        Start { origin: offset_origin(position, normal), normal, screen: lamps.screen(position, normal) }
     }
 
-    /// What rays from a surfel must not count of the sky; its neighbourhood is that of its middle.
-    pub fn screen(&self, surfel: u32, side: Side) -> Screen<'_> {
-        let (position, normal) = self.place(surfel, side);
-        self.lit.lamps.screen(position, normal)
-    }
-
-    /// What is seen along a ray that stands for `solid_angle` sr, as the coarse solution has it, but for the sky that
-    /// `screen` hides.
+    /// What is seen along a ray that stands for `solid_angle` sr, as the coarse solution has it; of the sky what
+    /// `screen` shows.
     pub fn look(&self, origin: Vec3, direction: Vec3, solid_angle: f32, screen: Screen) -> Seen {
         let met = self.meet(origin, direction, solid_angle, screen);
         let reflected = met.place.map_or(Rgb::ZERO, |place| self.cached(&place, met.distance, solid_angle));
@@ -243,9 +249,7 @@ impl<'a> Source<'a> {
         let mut draw = None;
         for layer in 0.. {
             let Some(hit) = accel.closest(&ray) else {
-                if !screen.hides(origin, direction) {
-                    met.own += met.passed * accel.scene().environment.mean_radiance(direction, solid_angle);
-                }
+                met.own += met.passed * screen.sky(origin, direction, solid_angle);
                 return met;
             };
             let (emitted, place) = self.surface(&ray, &hit);
@@ -325,7 +329,7 @@ impl<'a> Source<'a> {
         let LitScene { direct, lamps, .. } = self.lit;
         let s = place.surfel as usize;
         if place.side == Side::Front && s < direct.irradiance.len() {
-            return (direct.irradiance[s], self.screen(place.surfel, place.side));
+            return (direct.irradiance[s], self.start(place.surfel, place.side).screen);
         }
         let Place { point, normal, .. } = *place;
         let point = SurfacePoint { position: point, geometric_normal: normal, shading_normal: normal };

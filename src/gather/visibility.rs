@@ -6,7 +6,7 @@ use super::openings::Portals;
 use crate::accel::{Accel, Ray, offset_origin};
 use crate::atlas::SurfacePoint;
 use crate::math::{Sequence, hash2, unit_float};
-use crate::scene::Rgb;
+use crate::scene::{Environment, Rgb};
 use crate::transport::SELF_INTERSECTION;
 use glam::{Vec2, Vec3};
 
@@ -59,14 +59,20 @@ impl Visibility {
     }
 }
 
-/// What rays from one receiver must not count of the sky.
+/// The sky for rays from one receiver, without what is sent to it.
 #[derive(Clone, Copy)]
-pub struct Screen<'a>(Option<&'a Lamp>);
+pub struct Screen<'a> {
+    portal: Option<&'a Lamp>,
+    environment: &'a Environment,
+}
 
 impl Screen<'_> {
-    /// True if the sky that a ray sees is sent to its receiver.
-    pub fn hides(&self, origin: Vec3, direction: Vec3) -> bool {
-        matches!(self.0, Some(Lamp { shape: Shape::Portal(portal), .. }) if portal.shows(origin, direction))
+    /// Radiance that a ray sees which leaves the scene and stands for `solid_angle` sr, W/(m²·sr).
+    pub fn sky(&self, origin: Vec3, direction: Vec3, solid_angle: f32) -> Rgb {
+        match self.portal {
+            Some(Lamp { shape: Shape::Portal(portal), .. }) if portal.shows(origin, direction) => Rgb::ZERO,
+            _ => self.environment.mean_radiance(direction, solid_angle),
+        }
     }
 }
 
@@ -96,9 +102,9 @@ impl<'a> Lamps<'a> {
         }
     }
 
-    /// Where rays from a surface point must not count the sky, because it is sent.
+    /// The sky as rays from a surface point are to count it.
     pub fn screen(&self, position: Vec3, normal: Vec3) -> Screen<'_> {
-        Screen(self.portals.at(position, normal))
+        Screen { portal: self.portals.at(position, normal), environment: &self.accel.scene().environment }
     }
 
     /// Tries samples of `lamp` from points of one receiver until there are `count`. Returns the rays that took.

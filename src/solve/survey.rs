@@ -21,8 +21,9 @@ pub struct Survey {
     pub rays: u64,
 }
 
-/// Casts `rays` stratified rays from every element. `sky_radiance` is the radiance that a ray sees which leaves the scene, from
-/// the position and unit normal that it starts from, its direction, and the solid angle that it stands for, sr.
+/// Casts `rays` stratified rays from every element. `sky_radiance` is the radiance that a ray sees which leaves the
+/// scene, from the position and unit normal that it starts from, its direction, and the solid angle that it stands for,
+/// sr.
 pub fn survey(
     accel: &Accel,
     surfels: &Surfels,
@@ -85,7 +86,8 @@ fn is_two_sided(accel: &Accel, hit: &Hit) -> bool {
     scene.material_of(scene.instances[hit.instance as usize].mesh, hit.triangle as usize).double_sided
 }
 
-/// Calls `visit` for every ray with where it starts, its direction, what it has lost or gained in translucent surfaces, and what it meets.
+/// Calls `visit` for every ray with where it starts, its direction, what it has lost or gained in translucent surfaces,
+/// and what it meets.
 fn look(
     accel: &Accel,
     surfels: &Surfels,

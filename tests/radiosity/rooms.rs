@@ -1,6 +1,7 @@
 //! Closed rooms made of quads and spheres, one material per face.
 
 use glam::{Affine3A, Vec2, Vec3};
+use lightkiln::accel::Accel;
 use lightkiln::atlas::{self, Atlas, AtlasSettings, Texels};
 use lightkiln::bake;
 use lightkiln::gather::Lightmap;
@@ -118,7 +119,8 @@ pub(crate) fn laid_out(scene: &Scene, texels_per_metre: f32) -> (Atlas, Texels) 
 pub(crate) fn baked(scene: &Scene, texels_per_metre: f32, error: f32) -> Baked {
     let (atlas, texels) = laid_out(scene, texels_per_metre);
     let mut clock = StageClock::start();
-    let (light, _) = bake::light(scene, &atlas, &texels, error, &mut clock, &Silent).expect("nobody cancels");
+    let (light, _) =
+        bake::light(&Accel::build(scene), &atlas, &texels, error, &mut clock, &Silent).expect("nobody cancels");
     Baked { atlas, texels, light }
 }
 
