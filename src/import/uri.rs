@@ -1,5 +1,8 @@
 //! URIs of buffers and images: data URIs are decoded, everything else names a file beside the document.
 
+use base64::Engine as _;
+use base64::alphabet::STANDARD;
+use base64::engine::{DecodePaddingMode, GeneralPurpose, GeneralPurposeConfig};
 use std::path::{Path, PathBuf};
 
 /// What a URI refers to.
@@ -16,7 +19,7 @@ pub(super) fn resolve(uri: &str, directory: &Path) -> Result<Resource, String> {
     if let Some(data) = uri.strip_prefix("data:") {
         let (head, body) = data.split_once(',').ok_or("the data URI has no comma")?;
         return if head.ends_with(";base64") {
-            decode_base64(body.as_bytes()).map(Resource::Inline)
+            decode_base64(body).map(Resource::Inline)
         } else {
             Ok(Resource::Inline(decode_percent(body)))
         };
@@ -54,29 +57,23 @@ fn decode_percent(text: &str) -> Vec<u8> {
     out
 }
 
-/// RFC 4648 with either alphabet; padding and line breaks may be missing or present.
-fn decode_base64(text: &[u8]) -> Result<Vec<u8>, String> {
-    let mut out = Vec::with_capacity(text.len() / 4 * 3);
-    let (mut bits, mut count) = (0u32, 0);
-    for (position, byte) in text.iter().enumerate() {
-        let value = match byte {
-            b'A'..=b'Z' => byte - b'A',
-            b'a'..=b'z' => byte - b'a' + 26,
-            b'0'..=b'9' => byte - b'0' + 52,
-            b'+' | b'-' => 62,
-            b'/' | b'_' => 63,
-            b'=' | b'\n' | b'\r' | b' ' | b'\t' => continue,
-            _ => return Err(format!("the base64 data has a foreign character at position {position}")),
-        };
-        bits = bits << 6 | u32::from(value);
-        count += 6;
-        if count >= 8 {
-            count -= 8;
-            out.push((bits >> count) as u8);
-            bits &= (1 << count) - 1;
-        }
-    }
-    Ok(out)
+/// As lenient as browsers and exporters are: padding may be missing, unused bits need not be zero.
+const LENIENT: GeneralPurpose = GeneralPurpose::new(
+    &STANDARD,
+    GeneralPurposeConfig::new()
+        .with_decode_padding_mode(DecodePaddingMode::Indifferent)
+        .with_decode_allow_trailing_bits(true),
+);
+
+/// Base64 in either alphabet; line breaks may be missing or present.
+fn decode_base64(text: &str) -> Result<Vec<u8>, String> {
+    let standard = |byte: u8| match byte {
+        b'-' => b'+',
+        b'_' => b'/',
+        other => other,
+    };
+    let text: Vec<u8> = text.bytes().filter(|b| !b.is_ascii_whitespace()).map(standard).collect();
+    LENIENT.decode(text).map_err(|e| format!("the base64 data is broken: {e}"))
 }
 
 #[cfg(test)]
@@ -84,15 +81,15 @@ mod tests {
     use super::*;
 
     #[test]
-    fn base64_follows_the_test_vectors_of_rfc_4648() {
-        let check = |text: &str, expected: &str| assert_eq!(decode_base64(text.as_bytes()), Ok(expected.into()));
-        check("", "");
-        check("Zg==", "f");
-        check("Zm8", "fo");
-        check("Zm9v", "foo");
-        check("Zm9vYg==", "foob");
-        check("Zm9v\nYmFy", "foobar");
-        assert!(decode_base64(b"Zm9*").is_err());
+    fn base64_may_lack_padding_be_broken_into_lines_and_use_either_alphabet() {
+        let check = |text: &str, expected: &[u8]| assert_eq!(decode_base64(text), Ok(expected.into()));
+        check("", b"");
+        check("Zg==", b"f");
+        check("Zm8", b"fo");
+        check("Zm9v\nYm\r\n Fy", b"foobar");
+        check("+/-_", &[0xfb, 0xff, 0xbf]);
+        assert!(decode_base64("Zm9*").is_err());
+        assert!(decode_base64("Zm9vY").is_err());
     }
 
     #[test]
