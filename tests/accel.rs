@@ -444,7 +444,22 @@ fn instances_that_cast_no_shadow_are_not_met() {
     let r = ray(Vec3::ZERO, Vec3::X);
     assert_eq!(Accel::build(&s).closest(&r).map(|h| h.instance), Some(1));
     s.instances[1].casts_shadows = false;
-    assert!(Accel::build(&s).closest(&r).is_none());
+    let accel = Accel::build(&s);
+    assert!(accel.closest(&r).is_none() && !accel.occluded(&r));
+}
+
+#[test]
+fn surfaces_without_shadow_are_met_where_they_are_surfaces() {
+    let sphere_of = |radius: f32| instance(0, Affine3A::from_scale(Vec3::splat(radius)));
+    let mut s = scene(vec![sphere(8)], vec![sphere_of(1.0), sphere_of(2.0)]);
+    s.instances[0].casts_shadows = false;
+    let met = |s: &Scene, r: Ray| Accel::build(s).surface(&r).map(|h| h.instance);
+    // From outside the near front hides nothing that casts a shadow; from inside its back is only there on both sides.
+    assert_eq!(met(&s, ray(Vec3::X * 1.5, -Vec3::X)), Some(0));
+    assert_eq!(met(&s, ray(Vec3::X * 3.0, -Vec3::X)), Some(1));
+    assert_eq!(met(&s, ray(Vec3::ZERO, Vec3::X)), Some(1));
+    s.materials[0].double_sided = true;
+    assert_eq!(met(&s, ray(Vec3::ZERO, Vec3::X)), Some(0));
 }
 
 #[test]

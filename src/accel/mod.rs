@@ -1,7 +1,8 @@
 //! Ray queries against the world's triangles.
 //!
-//! [`Accel::build`] takes the scene's casting instances into a hierarchy of eight-wide nodes over blocks of four triangles,
-//! split by the surface area heuristic. Queries are watertight: no ray passes through the edge or corner that triangles
+//! [`Accel::build`] takes the scene's instances into a hierarchy of eight-wide nodes over blocks of four triangles,
+//! split by the surface area heuristic; what casts no shadow gets one of its own, which only [`Accel::surface`] asks.
+//! Queries are watertight: no ray passes through the edge or corner that triangles
 //! of a mesh share. Their results do not depend on the instruction set, nor on the number of threads that built.
 //! Based on: Wald et al., "Getting Rid of Packets", 2008 (wide nodes for single rays); Woop, Benthin, Wald, "Watertight
 //! Ray/Triangle Intersection", 2013; Ize, "Robust BVH Ray Traversal", 2013.
@@ -91,10 +92,13 @@ impl Instructions {
     }
 }
 
-/// Acceleration structure over every instance that casts shadows. Holes of alpha-masked materials are open.
+/// Acceleration structure over every instance. Holes of alpha-masked materials are open.
 pub struct Accel<'a> {
     scene: &'a Scene,
+    /// What casts shadows.
     bvh: Bvh8,
+    /// What does not.
+    shadowless: Bvh8,
     instructions: Instructions,
     /// Light goes through some surface in part.
     translucent: bool,
@@ -108,8 +112,8 @@ impl<'a> Accel<'a> {
 
     /// Builds with other than the default settings.
     pub fn build_with(scene: &'a Scene, settings: &AccelSettings) -> Self {
-        let bvh = structure::build(scene, settings.sharing_saves);
-        Self { scene, bvh, instructions: Instructions::detect(), translucent: translucent::any(scene) }
+        let [bvh, shadowless] = [true, false].map(|casts| structure::build(scene, casts, settings.sharing_saves));
+        Self { scene, bvh, shadowless, instructions: Instructions::detect(), translucent: translucent::any(scene) }
     }
 
     /// The same structure, queried with portable instructions only. The answers are the same.
@@ -124,43 +128,68 @@ impl<'a> Accel<'a> {
 
     /// Memory that the structure takes, bytes.
     pub fn size(&self) -> usize {
-        self.bvh.size()
+        self.bvh.size() + self.shadowless.size()
     }
 
     /// A number that tells structures apart: equal ones have equal digests.
     pub fn digest(&self) -> u64 {
-        self.bvh.digest()
+        self.bvh.digest() ^ self.shadowless.digest().rotate_left(1)
     }
 
-    /// Nearest hit.
+    /// Nearest hit of what casts shadows.
     pub fn closest(&self, ray: &Ray) -> Option<Hit> {
+        self.closest_in(&self.bvh, ray)
+    }
+
+    /// Nearest hit of anything that can send light back, with or without a shadow: what casts none lights and is lit, but
+    /// hides no light source. Its backs that are no surfaces are not there.
+    pub fn surface(&self, ray: &Ray) -> Option<Hit> {
+        let solid = self.closest(ray);
+        let mut rest = Ray { t_max: solid.map_or(ray.t_max, |hit| hit.t), ..*ray };
+        while let Some(hit) = self.closest_in(&self.shadowless, &rest) {
+            let mesh = self.scene.instances[hit.instance as usize].mesh;
+            if hit.normal.dot(ray.direction) <= 0.0 || self.scene.material_of(mesh, hit.triangle as usize).double_sided
+            {
+                return Some(hit);
+            }
+            rest = self.behind(&rest, &hit);
+        }
+        solid
+    }
+
+    /// True if what was hit casts a shadow.
+    pub fn casts_shadow(&self, hit: &Hit) -> bool {
+        self.scene.instances[hit.instance as usize].casts_shadows
+    }
+
+    fn closest_in(&self, bvh: &Bvh8, ray: &Ray) -> Option<Hit> {
         let mut query = queries::Closest::new(self.scene, ray);
-        self.ask(ray, &mut query);
+        self.ask(bvh, ray, &mut query);
         query.result()
     }
 
-    /// True if anything lies on the segment. Blended surfaces count as solid; see [`Self::transmittance`].
+    /// True if anything lies on the segment that casts a shadow. Blended surfaces count as solid; see [`Self::transmittance`].
     pub fn occluded(&self, ray: &Ray) -> bool {
-        self.ask(ray, &mut queries::Occluded::new(self.scene, ray))
+        self.ask(&self.bvh, ray, &mut queries::Occluded::new(self.scene, ray))
     }
 
     /// Share of light, per channel, that travels the whole segment: zero behind a solid surface, else the product over the
     /// blended surfaces of (1 − α)·(1 − α + α·base colour) and over transmitting ones of transmission·base colour.
     pub fn transmittance(&self, ray: &Ray) -> Rgb {
         let mut query = queries::Transmittance::new(self.scene, ray);
-        self.ask(ray, &mut query);
+        self.ask(&self.bvh, ray, &mut query);
         query.product
     }
 
-    /// Traverses; true if the query ended it.
+    /// Traverses `bvh`; true if the query ended it.
     #[inline(always)]
-    fn ask<'b, Q: Query<'b>>(&'b self, ray: &Ray, query: &mut Q) -> bool {
-        let (Some(root), Some(frame)) = (self.bvh.root, RayFrame::new(ray)) else { return false };
+    fn ask<'b, Q: Query<'b>>(&'b self, bvh: &'b Bvh8, ray: &Ray, query: &mut Q) -> bool {
+        let (Some(root), Some(frame)) = (bvh.root, RayFrame::new(ray)) else { return false };
         match self.instructions {
             // SAFETY: `Instructions::detect` has found these instructions.
             #[cfg(target_arch = "x86_64")]
-            Instructions::Avx2 => unsafe { avx2::traverse_avx2(&self.bvh, root, &frame, query) },
-            _ => traverse::traverse::<scalar::Scalar, Q>(&self.bvh, root, &frame, query),
+            Instructions::Avx2 => unsafe { avx2::traverse_avx2(bvh, root, &frame, query) },
+            _ => traverse::traverse::<scalar::Scalar, Q>(bvh, root, &frame, query),
         }
     }
 }

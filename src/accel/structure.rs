@@ -14,17 +14,18 @@ use rayon::prelude::*;
 /// Meshes of fewer triangles are never shared: entering a shared structure costs as much as testing them.
 const SMALLEST_SHARED: usize = 256;
 
-/// Builds over every triangle that can stop a ray. Meshes are shared where that saves more than `saving` copies of
-/// triangles.
-pub(super) fn build(scene: &Scene, saving: usize) -> Bvh8 {
+/// Builds over every triangle that rays meet and whose instance is among those that `casts` (true) or does not cast (false)
+/// shadows. Meshes are shared where that saves more than `saving` copies of triangles.
+pub(super) fn build(scene: &Scene, casts: bool, saving: usize) -> Bvh8 {
     assert!(scene.instances.len() <= MAX_INSTANCES, "more instances than ids");
-    let shared = shared_meshes(scene, saving);
+    let chosen: Vec<bool> = scene.instances.iter().map(|i| i.casts_shadows == casts).collect();
+    let shared = shared_meshes(scene, &chosen, saving);
     let parts: Vec<Option<Bvh8>> =
         shared.par_iter().enumerate().map(|(mesh, &shared)| shared.then(|| mesh_structure(scene, mesh))).collect();
-    let triangles = WorldTriangles::new(scene, &shared);
+    let triangles = WorldTriangles::new(scene, &chosen, &shared);
     let mut references = triangles.references();
     let mut placed = Vec::new();
-    for (index, instance) in scene.instances.iter().enumerate().filter(|(_, i)| i.casts_shadows) {
+    for (index, instance) in scene.instances.iter().enumerate().filter(|&(index, _)| chosen[index]) {
         let Some(part) = &parts[instance.mesh] else { continue };
         let boxes = part.outer_boxes().into_iter().filter(Bounds::is_finite);
         let corners = boxes.flat_map(|b| b.corners()).map(|p| instance.transform.transform_point3(p));
@@ -39,10 +40,10 @@ pub(super) fn build(scene: &Scene, saving: usize) -> Bvh8 {
     if placed.is_empty() { world } else { join(scene, world, parts, placed) }
 }
 
-/// Which meshes are built once for all their instances.
-fn shared_meshes(scene: &Scene, saving: usize) -> Vec<bool> {
+/// Which meshes are built once for all their `chosen` instances.
+fn shared_meshes(scene: &Scene, chosen: &[bool], saving: usize) -> Vec<bool> {
     let mut uses = vec![0usize; scene.meshes.len()];
-    scene.instances.iter().filter(|i| i.casts_shadows).for_each(|i| uses[i.mesh] += 1);
+    scene.instances.iter().zip(chosen).filter(|(_, chosen)| **chosen).for_each(|(i, _)| uses[i.mesh] += 1);
     let shared = |(mesh, uses): (&Mesh, usize)| {
         let triangles = mesh.triangles.len();
         triangles >= SMALLEST_SHARED && uses.saturating_sub(1).saturating_mul(triangles) > saving
@@ -89,7 +90,7 @@ fn join(scene: &Scene, world: Bvh8, parts: Vec<Option<Bvh8>>, mut placed: Vec<Pl
     Bvh8 { placed, root, ..joined }
 }
 
-/// The triangles of the casting instances whose meshes are not shared, numbered through.
+/// The triangles of the chosen instances whose meshes are not shared, numbered through.
 struct WorldTriangles<'a> {
     scene: &'a Scene,
     /// First number of every instance, and the end.
@@ -97,12 +98,12 @@ struct WorldTriangles<'a> {
 }
 
 impl<'a> WorldTriangles<'a> {
-    fn new(scene: &'a Scene, shared: &[bool]) -> Self {
+    fn new(scene: &'a Scene, chosen: &[bool], shared: &[bool]) -> Self {
         let mut first = Vec::with_capacity(scene.instances.len() + 1);
         let mut count = 0usize;
-        for instance in &scene.instances {
+        for (instance, &chosen) in scene.instances.iter().zip(chosen) {
             first.push(count as u32);
-            if instance.casts_shadows && !shared[instance.mesh] {
+            if chosen && !shared[instance.mesh] {
                 count += scene.meshes[instance.mesh].triangles.len();
             }
             assert!(count < INSTANCE as usize, "more triangles than ids");

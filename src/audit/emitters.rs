@@ -16,8 +16,6 @@ const BY_AREA: f64 = 0.1;
 /// The emissive triangles of one primitive of an instance.
 pub(super) struct Emitter {
     instance: usize,
-    /// False: no ray meets it.
-    pub(super) is_met: bool,
     triangles: Vec<usize>,
     /// Draws them by power and area.
     draw: Distribution,
@@ -78,10 +76,9 @@ impl Emitter {
         }));
         let corners = || triangles.iter().flat_map(|&t| scene.corners(instance, t));
         let (low, high) = (corners().fold(Vec3::INFINITY, Vec3::min), corners().fold(Vec3::NEG_INFINITY, Vec3::max));
-        let is_met = scene.instances[instance].casts_shadows;
         let (centre, radius) = ((low + high) * 0.5, low.distance(high) * 0.5);
         let power = total.max(f64::MIN_POSITIVE);
-        Some(Self { instance, is_met, triangles, draw, areas, centre, radius, power })
+        Some(Self { instance, triangles, draw, areas, centre, radius, power })
     }
 
     /// Draws a point as seen from `p`. The distance ends just above the surface.
@@ -101,8 +98,7 @@ impl Emitter {
         let v = offset_origin(q, normal * facing.signum()) - p;
         let density = self.density(index, (q - p).length(), facing.abs());
         let weight = emitted(scene, self.instance, triangle, barycentric) / density;
-        let density = self.is_met.then_some(density);
-        Some(Found { direction: v.normalize_or_zero(), distance: v.length(), weight, density })
+        Some(Found { direction: v.normalize_or_zero(), distance: v.length(), weight, density: Some(density) })
     }
 
     /// Density, 1/sr, with which a hit on a triangle at `distance` with cosine `facing` is drawn.

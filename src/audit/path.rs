@@ -49,6 +49,15 @@ struct Vertex {
     shading_normal: Vec3,
 }
 
+/// What becomes of a path at a surface.
+enum Next {
+    /// It is reflected.
+    Turn(Vertex),
+    /// It goes through.
+    Ahead,
+    End,
+}
+
 /// A path on its way.
 struct Walk<'t, 'a> {
     tracer: &'t Tracer<'a>,
@@ -157,17 +166,20 @@ impl Walk<'_, '_> {
         self.gathered += self.weight * found.weight * passed * (share * cosine / drawn.chance);
     }
 
-    /// Casts the ray that goes on, collects what it meets, and returns the next place that reflects.
+    /// Casts the ray that goes on, collects what shines along it, and returns the next place that reflects. What casts no
+    /// shadow reflects, and hides what others reflect, but not what shines behind it.
     fn go_on(&mut self, v: &Vertex, receiver: &Receiver, direction: Vec3) -> Option<Vertex> {
         let cosine = v.shading_normal.dot(direction).max(f32::MIN_POSITIVE);
         let by_chance = cosine * FRAC_1_PI;
         let share = |drawn: f32| by_chance / (drawn + by_chance);
         let start = self.weight;
+        let mut shines = start;
         let mut ray = Ray { origin: v.origin, direction, t_min: 0.0, t_max: f32::INFINITY };
         let mut from = 0.0;
+        let mut next = Next::Ahead;
         loop {
             self.rays += 1;
-            let hit = self.tracer.accel.closest(&ray);
+            let hit = self.tracer.accel.surface(&ray);
             let until = hit.map_or(f32::INFINITY, |h| h.t / REACHED);
             let (mut open, mut through) = (Rgb::ZERO, Rgb::ZERO);
             self.tracer.lamps.crossings(receiver, direction, |light, crossing| {
@@ -178,11 +190,11 @@ impl Walk<'_, '_> {
                     through += radiance;
                 }
             });
-            self.gathered += PI * (start * open + self.weight * through);
+            self.gathered += PI * (start * open + shines * through);
             let scene = self.tracer.scene();
             let Some(hit) = hit else {
-                self.gathered += PI * self.weight * scene.environment.radiance(direction);
-                return None;
+                self.gathered += PI * shines * scene.environment.radiance(direction);
+                break;
             };
             let facing = -hit.normal.dot(direction);
             let (instance, triangle) = (hit.instance as usize, hit.triangle as usize);
@@ -190,18 +202,28 @@ impl Walk<'_, '_> {
             if is_seen {
                 let density = self.tracer.lamps.density_at(receiver, &hit, facing.abs());
                 let radiance = emitted(scene, instance, triangle, hit.barycentric);
-                self.gathered += PI * share(density) * self.weight * radiance;
+                self.gathered += PI * share(density) * shines * radiance;
             }
-            if self.turns_at(&hit, is_seen)? {
-                return Some(self.vertex_at(&ray, &hit));
+            if matches!(next, Next::Ahead) {
+                next = self.next_at(&ray, &hit, is_seen);
+            }
+            if self.tracer.accel.casts_shadow(&hit) {
+                shines *= self.tracer.accel.transmission_at(&hit).unwrap_or(Rgb::ZERO);
+            }
+            if shines == Rgb::ZERO {
+                break;
             }
             from = until;
             ray = self.tracer.accel.behind(&ray, &hit);
         }
+        match next {
+            Next::Turn(vertex) => Some(vertex),
+            Next::Ahead | Next::End => None,
+        }
     }
 
-    /// Whether the path is reflected at a hit or goes through; none if it ends there. Its weight changes accordingly.
-    fn turns_at(&mut self, hit: &Hit, is_seen: bool) -> Option<bool> {
+    /// Whether the path is reflected at a hit, goes through, or ends there. Its weight changes accordingly.
+    fn next_at(&mut self, ray: &Ray, hit: &Hit, is_seen: bool) -> Next {
         let scene = self.tracer.scene();
         let (instance, triangle) = (hit.instance as usize, hit.triangle as usize);
         let reflected = if is_seen {
@@ -213,7 +235,7 @@ impl Walk<'_, '_> {
         let through = self.tracer.accel.transmission_at(hit).unwrap_or(Rgb::ZERO);
         let (reflects, passes) = ((self.weight * reflected).element_sum(), (self.weight * through).element_sum());
         if reflects + passes <= 0.0 {
-            return None;
+            return Next::End;
         }
         self.events += 1;
         let numbers = [0, 1].map(|k| unit_float(hash3(self.seed, self.index, 4 * self.events + k)));
@@ -223,11 +245,11 @@ impl Walk<'_, '_> {
         if self.events > SURE {
             let chance = self.weight.max_element().clamp(LEAST_CHANCE, 1.0);
             if numbers[1] >= chance {
-                return None;
+                return Next::End;
             }
             self.weight /= chance;
         }
-        Some(turns)
+        if turns { Next::Turn(self.vertex_at(ray, hit)) } else { Next::Ahead }
     }
 
     /// The surface at a hit, on the side that was met.

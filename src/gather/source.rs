@@ -246,36 +246,48 @@ impl<'a> Source<'a> {
         let accel = self.lit.accel;
         let mut ray = Ray { origin, direction, t_min: 0.0, t_max: f32::INFINITY };
         let mut met = Met { own: Rgb::ZERO, passed: Rgb::ONE, distance: f32::INFINITY, place: None, receiver: None };
-        let mut draw = None;
-        for layer in 0.. {
-            let Some(hit) = accel.closest(&ray) else {
-                met.own += met.passed * screen.sky(origin, direction, solid_angle);
+        // What casts no shadow hides what is reflected behind it, but not what shines there.
+        let (mut shines, mut is_hidden) = (Rgb::ONE, false);
+        let (mut draw, mut layers) = (None, 0);
+        loop {
+            let Some(hit) = accel.surface(&ray) else {
+                met.own += shines * screen.sky(origin, direction, solid_angle);
                 return met;
             };
             let (emitted, place) = self.surface(&ray, &hit);
-            met.own += met.passed * emitted;
+            met.own += shines * emitted;
             let receiver = place.map(|p| p.receiver);
-            let Some(through) = accel.transmission_at(&hit).filter(|_| layer < Accel::MOST_LAYERS) else {
-                (met.distance, met.place) = (hit.t, place);
-                if draw.is_none_or(|d| d >= 0.0) {
-                    met.receiver = receiver;
+            let through = accel.transmission_at(&hit).filter(|_| layers < Accel::MOST_LAYERS);
+            match through {
+                _ if is_hidden => {}
+                None => {
+                    (met.distance, met.place, is_hidden) = (hit.t, place, true);
+                    if draw.is_none_or(|d| d >= 0.0) {
+                        met.receiver = receiver;
+                    }
                 }
-                return met;
-            };
-            if let Some(place) = place {
-                met.own += met.passed * self.cached(&place, hit.t, solid_angle);
+                Some(through) => {
+                    if let Some(place) = place {
+                        met.own += met.passed * self.cached(&place, hit.t, solid_angle);
+                    }
+                    let left = draw.unwrap_or_else(|| {
+                        unit_float(direction.to_array().iter().fold(0, |seed, x| hash2(seed, x.to_bits())))
+                    });
+                    let fills = met.passed.element_sum() / 3.0 * (1.0 - through.element_sum() / 3.0);
+                    if left >= 0.0 && left < fills {
+                        met.receiver = receiver;
+                    }
+                    draw = Some(left - fills);
+                    met.passed *= through;
+                }
             }
-            let left = draw
-                .unwrap_or_else(|| unit_float(direction.to_array().iter().fold(0, |seed, x| hash2(seed, x.to_bits()))));
-            let fills = met.passed.element_sum() / 3.0 * (1.0 - through.element_sum() / 3.0);
-            if left >= 0.0 && left < fills {
-                met.receiver = receiver;
+            if accel.casts_shadow(&hit) {
+                let Some(through) = through else { return met };
+                shines *= through;
             }
-            draw = Some(left - fills);
-            met.passed *= through;
+            layers += u32::from(through.is_some());
             ray = accel.behind(&ray, &hit);
         }
-        unreachable!("the last layer stops every ray")
     }
 
     /// Radiance that the surface at a hit emits against the ray, and where it reflects.

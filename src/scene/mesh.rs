@@ -76,7 +76,8 @@ pub struct Instance {
     pub mesh: usize,
     /// Mesh space to world space; finite and invertible.
     pub transform: Affine3A,
-    /// False: no ray meets it, but it still receives light.
+    /// False: it hides no light source. It still receives, reflects and emits light, and what it reflects hides what lies
+    /// behind it.
     pub casts_shadows: bool,
     /// Which lightmap it gets.
     pub lightmap: LightmapRequest,

@@ -36,9 +36,11 @@ pub fn survey(
         .into_par_iter()
         .map(|e| {
             let (mut sky, mut lit) = (Rgb::ZERO, 0);
-            look(accel, surfels, tree, e, rays, |(position, normal), direction, passed, hit| match hit {
-                None => sky += passed * sky_radiance(position, normal, direction, 2.0 * PI / rays as f32),
-                Some((hit, side)) => lit += (side == Side::Front || is_two_sided(accel, hit)) as u32,
+            look(accel, surfels, tree, e, rays, |(position, normal), direction, of_sky, hit| {
+                if let Some(passed) = of_sky {
+                    sky += passed * sky_radiance(position, normal, direction, 2.0 * PI / rays as f32);
+                }
+                lit += hit.is_some_and(|(hit, side)| side == Side::Front || is_two_sided(accel, hit)) as u32;
             });
             if progress.is_cancelled() {
                 return Err(Cancelled);
@@ -86,15 +88,15 @@ fn is_two_sided(accel: &Accel, hit: &Hit) -> bool {
     scene.material_of(scene.instances[hit.instance as usize].mesh, hit.triangle as usize).double_sided
 }
 
-/// Calls `visit` for every ray with where it starts, its direction, what it has lost or gained in translucent surfaces,
-/// and what it meets.
+/// Calls `visit` for every ray with where it starts, its direction, what translucent surfaces leave of the sky if it is
+/// seen, and the surface that is met. It is seen behind surfaces that cast no shadow.
 fn look(
     accel: &Accel,
     surfels: &Surfels,
     tree: &Hierarchy,
     element: u32,
     rays: u32,
-    mut visit: impl FnMut((Vec3, Vec3), Vec3, Rgb, Option<(&Hit, Side)>),
+    mut visit: impl FnMut((Vec3, Vec3), Vec3, Option<Rgb>, Option<(&Hit, Side)>),
 ) {
     let node = tree.elements[element as usize].node;
     let sequence = Sequence::new(hash2(element, 0x5ee));
@@ -104,29 +106,34 @@ fn look(
         let direction = cosine_hemisphere(normal, sequence.first(i));
         let origin = offset_origin(surfels.position(surfel), normal);
         let ray = Ray { origin, direction, t_min: 0.0, t_max: f32::INFINITY };
-        let (passed, hit) = follow(accel, ray, hash3(element, i, 0x7a1));
+        let (of_sky, hit) = follow(accel, ray, hash3(element, i, 0x7a1));
         visit(
             (surfels.position(surfel), normal),
             direction,
-            passed,
+            of_sky,
             hit.as_ref().map(|h| (h, if h.normal.dot(direction) <= 0.0 { Side::Front } else { Side::Back })),
         );
     }
 }
 
-/// What a ray meets that translucent surfaces stop by chance: the more of the light passes, the more rays do, and those
-/// that pass carry its colour.
-fn follow(accel: &Accel, mut ray: Ray, seed: u32) -> (Rgb, Option<Hit>) {
-    let mut passed = Rgb::ONE;
-    for layer in 0..Accel::MOST_LAYERS {
-        let Some(hit) = accel.closest(&ray) else { return (passed, None) };
-        let Some(through) = accel.transmission_at(&hit) else { return (passed, Some(hit)) };
-        let chance = through.element_sum() / 3.0;
-        if unit_float(hash2(seed, layer)) >= chance || layer + 1 == Accel::MOST_LAYERS {
-            return (passed, Some(hit));
+/// What is left of the sky along a ray, if it gets there, and the surface that it meets. Translucent surfaces stop it by
+/// chance: the more of the light passes, the more rays do, and those that pass carry its colour.
+fn follow(accel: &Accel, mut ray: Ray, seed: u32) -> (Option<Rgb>, Option<Hit>) {
+    let (mut passed, mut met) = (Rgb::ONE, None);
+    let mut layers = 0;
+    while let Some(hit) = accel.surface(&ray) {
+        if accel.casts_shadow(&hit) {
+            layers += 1;
+            let through = accel.transmission_at(&hit).filter(|_| layers < Accel::MOST_LAYERS).unwrap_or(Rgb::ZERO);
+            let chance = through.element_sum() / 3.0;
+            if unit_float(hash2(seed, layers)) >= chance {
+                return (None, met.or(Some(hit)));
+            }
+            passed *= through / chance;
+        } else {
+            met = met.or(Some(hit));
         }
-        passed *= through / chance;
         ray = accel.behind(&ray, &hit);
     }
-    (passed, None)
+    (Some(passed), met)
 }

@@ -81,6 +81,18 @@ impl Room {
     }
 }
 
+/// Adds the mesh of another scene to a scene, as an instance that may cast no shadow.
+pub(crate) fn add(scene: &mut Scene, other: Scene, casts_shadows: bool) {
+    let shift = scene.materials.len();
+    for mut mesh in other.meshes {
+        mesh.primitives.iter_mut().for_each(|p| p.material += shift);
+        scene.meshes.push(mesh);
+    }
+    scene.materials.extend(other.materials);
+    let mesh = scene.meshes.len() - 1;
+    scene.instances.extend(other.instances.into_iter().map(|i| Instance { mesh, casts_shadows, ..i }));
+}
+
 /// A sphere of radius 1 seen from inside, `rings` × 2·`rings` quads; `face` chooses by the direction of the centre.
 pub(crate) fn sphere(rings: usize, face: impl Fn(Vec3) -> Face) -> Scene {
     let mut room = Room::default();
