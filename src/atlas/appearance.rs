@@ -2,7 +2,7 @@
 
 use super::rasterise::Fragment;
 use super::surface::Surface;
-use crate::scene::{Rgb, TextureSlot};
+use crate::scene::{Appearance, TextureSlot};
 use glam::Vec2;
 
 /// Most samples per axis of a texel: bounds its cost where a texture is far finer than the lightmap.
@@ -12,55 +12,30 @@ const MAX_GRID_TRIANGLES: usize = 4;
 /// No more triangles than this are sampled; the smaller ones hardly count.
 const MAX_TRIANGLES: usize = 64;
 
-/// Mean diffuse reflectance and emitted radiance (W/(m²·sr)) over the texel at `pixel`, given what overlaps it, largest
-/// first.
-pub(super) fn mean_appearance(surface: &Surface, pixel: Vec2, fragments: &[Fragment]) -> (Rgb, Rgb) {
+/// Mean over the texel at `pixel`, given what overlaps it, largest first.
+pub(super) fn mean_appearance(surface: &Surface, pixel: Vec2, fragments: &[Fragment]) -> Appearance {
     let grid = match fragments.len() {
         1..=MAX_GRID_TRIANGLES => fragments.iter().map(|f| grid_size(surface, f.triangle)).max().unwrap_or(1),
         _ => 1,
     };
-    let mut mean = Mean::default();
+    let at = |triangle: u32, barycentric: Vec2| {
+        surface.scene.appearance_at(surface.instance, triangle as usize, barycentric)
+    };
     if grid > 1 {
-        for i in 0..grid * grid {
+        let on_grid = |i: usize| {
             let offset = (Vec2::new((i % grid) as f32, (i / grid) as f32) + 0.5) / grid as f32;
-            let hit =
-                fragments.iter().find_map(|f| surface.barycentric(f.triangle, pixel + offset).map(|b| (f.triangle, b)));
-            if let Some((triangle, barycentric)) = hit {
-                mean.add(surface, triangle, barycentric, 1.0);
-            }
+            let hit = |f: &Fragment| surface.barycentric(f.triangle, pixel + offset).map(|b| at(f.triangle, b));
+            fragments.iter().find_map(hit)
+        };
+        let mut points = (0..grid * grid).filter_map(on_grid).map(|point| (point, 1.0)).peekable();
+        if points.peek().is_some() {
+            return Appearance::mean(points);
         }
     }
     // Also where a sliver slipped through the grid.
-    if mean.weight == 0.0 {
-        for f in &fragments[..fragments.len().min(MAX_TRIANGLES)] {
-            mean.add(surface, f.triangle, surface.nearest(f.triangle, pixel + f.centroid), f.area);
-        }
-    }
-    mean.finish()
-}
-
-/// Weighted sums of reflectance and emission.
-#[derive(Default)]
-struct Mean {
-    reflectance: Rgb,
-    emission: Rgb,
-    weight: f32,
-}
-
-impl Mean {
-    fn add(&mut self, surface: &Surface, triangle: u32, barycentric: Vec2, weight: f32) {
-        let (scene, instance, triangle) = (surface.scene, surface.instance, triangle as usize);
-        // A hole counts with its area, but neither reflects nor emits.
-        let there = scene.alpha_at(instance, triangle, barycentric) * weight;
-        self.reflectance += scene.reflectance_at(instance, triangle, barycentric) * there;
-        self.emission += scene.emission_at(instance, triangle, barycentric) * there;
-        self.weight += weight;
-    }
-
-    fn finish(self) -> (Rgb, Rgb) {
-        let scale = if self.weight > 0.0 { 1.0 / self.weight } else { 0.0 };
-        (self.reflectance * scale, self.emission * scale)
-    }
+    let largest = &fragments[..fragments.len().min(MAX_TRIANGLES)];
+    let middle = |f: &Fragment| at(f.triangle, surface.nearest(f.triangle, pixel + f.centroid));
+    Appearance::mean(largest.iter().map(|f| (middle(f), f.area)))
 }
 
 /// Samples per axis that meet every texture texel under one lightmap texel, within bounds.

@@ -9,7 +9,7 @@ use super::coverage::cover;
 use super::surface::{Surface, on_side_of};
 use super::{Atlas, Chart, NO_TEXEL, PageTexels, SurfacePoint, Texels};
 use crate::progress::{Cancelled, Counter, Progress, Stage};
-use crate::scene::{Rgb, Scene};
+use crate::scene::{Appearance, Material, Scene};
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
@@ -159,10 +159,12 @@ fn fill(
 ) -> Result<(), Cancelled> {
     let surfaces: Vec<Option<Surface>> =
         (0..atlas.layouts.len()).map(|instance| Surface::new(scene, atlas, instance)).collect();
-    let emits =
-        surfaces.iter().flatten().any(|s| s.mesh.primitives.iter().any(|p| scene.materials[p.material].emits()));
+    let any = |has: fn(&Material) -> bool| {
+        surfaces.iter().flatten().any(|s| s.mesh.primitives.iter().any(|p| has(&scene.materials[p.material])))
+    };
+    let kept = Kept { emission: any(Material::emits), opacity: any(Material::lets_light_through) };
     let n = texels.len();
-    reserve(texels, n, emits);
+    reserve(texels, n, kept);
     let mut batch = Vec::new();
     for start in (0..n).step_by(BATCH) {
         let end = (start + BATCH).min(n);
@@ -176,10 +178,17 @@ fn fill(
                 surfel(surface, Vec2::new(f32::from(x), f32::from(y)), &fragments[run])
             })
             .collect_into_vec(&mut batch);
-        batch.iter().for_each(|s| push(texels, s, emits));
+        batch.iter().for_each(|s| push(texels, s, kept));
         counter.advance(end - start)?;
     }
     Ok(())
+}
+
+/// Which of the arrays that some scenes do without are filled.
+#[derive(Clone, Copy)]
+struct Kept {
+    emission: bool,
+    opacity: bool,
 }
 
 /// What one texel holds besides its place.
@@ -187,8 +196,7 @@ struct Surfel {
     point: SurfacePoint,
     area: f32,
     coverage: f32,
-    reflectance: Rgb,
-    emission: Rgb,
+    appearance: Appearance,
 }
 
 /// Sums the fragments of the texel at `pixel`, largest first.
@@ -216,31 +224,36 @@ fn surfel(surface: &Surface, pixel: Vec2, fragments: &[Fragment]) -> Surfel {
     point.geometric_normal = geometric.try_normalize().unwrap_or(point.geometric_normal);
     point.shading_normal = on_side_of(point.geometric_normal, shading);
 
-    let (reflectance, emission) = mean_appearance(surface, pixel, fragments);
-    Surfel { point, area, coverage: coverage.min(1.0), reflectance, emission }
+    Surfel { point, area, coverage: coverage.min(1.0), appearance: mean_appearance(surface, pixel, fragments) }
 }
 
-fn reserve(texels: &mut Texels, n: usize, emits: bool) {
+fn reserve(texels: &mut Texels, n: usize, kept: Kept) {
     texels.position.reserve_exact(n);
     texels.shading_normal.reserve_exact(n);
     texels.geometric_normal.reserve_exact(n);
     texels.area.reserve_exact(n);
     texels.coverage.reserve_exact(n);
     texels.reflectance.reserve_exact(n);
-    if emits {
+    if kept.emission {
         texels.emission.reserve_exact(n);
+    }
+    if kept.opacity {
+        texels.opacity.reserve_exact(n);
     }
 }
 
-fn push(texels: &mut Texels, s: &Surfel, emits: bool) {
+fn push(texels: &mut Texels, s: &Surfel, kept: Kept) {
     texels.position.push(s.point.position);
     texels.shading_normal.push(s.point.shading_normal);
     texels.geometric_normal.push(s.point.geometric_normal);
     texels.area.push(s.area);
     texels.coverage.push(s.coverage);
-    texels.reflectance.push(s.reflectance);
-    if emits {
-        texels.emission.push(s.emission);
+    texels.reflectance.push(s.appearance.reflectance);
+    if kept.emission {
+        texels.emission.push(s.appearance.emission);
+    }
+    if kept.opacity {
+        texels.opacity.push(s.appearance.opacity);
     }
 }
 

@@ -27,9 +27,12 @@ pub struct Texels {
     pub area: Vec<f32>,
     /// Share of the texel's square that its chart covers, 0 < c ≤ 1.
     pub coverage: Vec<f32>,
-    /// Mean diffuse reflectance.
+    /// Mean diffuse reflectance of what is there.
     pub reflectance: Vec<Rgb>,
-    /// Mean radiance emitted by the front face, W/(m²·sr). Empty if nothing with a lightmap emits.
+    /// Share of the surface that light does not go through, by holes of alpha masks or in part, 0..=1. Empty if it goes
+    /// through nothing with a lightmap.
+    pub opacity: Vec<f32>,
+    /// Mean radiance emitted by the front face where it is there, W/(m²·sr). Empty if nothing with a lightmap emits.
     pub emission: Vec<Rgb>,
     /// Texels of each chart.
     pub charts: Vec<Range<u32>>,

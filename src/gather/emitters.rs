@@ -1,8 +1,8 @@
 //! Emissive surfaces: which are sent like lamps and which are met by gather rays.
 
 use super::lamp::{EmitterTriangle, Lamp, Shape};
-use crate::math::Distribution;
-use crate::scene::{AlphaMode, Rgb, Scene, TextureSlot};
+use crate::math::{Distribution, triangle_middles};
+use crate::scene::{Rgb, Scene};
 use glam::{Vec2, Vec3};
 
 /// Emitters this many times brighter than the mean exitance are too bright to be found by chance.
@@ -12,8 +12,8 @@ const FEW: usize = 128;
 /// Where this share of all surfaces emits, every ray finds emitters and sending them gains nothing.
 const MOST: f32 = 0.6;
 /// Bounds of the parts along a triangle's side where its radiance is looked at: vertex colours vary without texture.
-const FEWEST_CUTS: u32 = 2;
-const MOST_CUTS: u32 = 256;
+const FEWEST_PARTS: u32 = 2;
+const MOST_PARTS: u32 = 256;
 /// Triangles of one lamp at most.
 const GROUP: usize = 64;
 
@@ -103,39 +103,14 @@ fn triangles_of(scene: &Scene, instance: usize, range: std::ops::Range<usize>) -
         .collect()
 }
 
-/// Mean over the triangle: over its texels if a texture or a mask varies it.
+/// Mean over the triangle, holes included: over its texels if a texture varies it.
 fn mean_radiance(scene: &Scene, instance: usize, triangle: usize) -> Rgb {
-    let n = cuts(scene, scene.instances[instance].mesh, triangle);
-    let at = |v: f32, w: f32| emitted(scene, instance, triangle, Vec2::new(v, w) / n as f32);
-    let mut sum = Rgb::ZERO;
-    // Middles of n² equal triangles, upright ones and those that stand on their tips.
-    for i in 0..n {
-        for j in 0..n - i {
-            let (v, w) = (i as f32, j as f32);
-            sum += at(v + 1.0 / 3.0, w + 1.0 / 3.0);
-            if i + j + 1 < n {
-                sum += at(v + 2.0 / 3.0, w + 2.0 / 3.0);
-            }
-        }
-    }
-    sum / (n * n) as f32
-}
-
-/// Parts along a triangle's sides that are as small as texels of its textures, within bounds.
-fn cuts(scene: &Scene, mesh: usize, triangle: usize) -> u32 {
-    let material = scene.material_of(mesh, triangle);
-    let texels = |slot: &TextureSlot| {
-        let Some([a, b, c]) = scene.texture_corners(slot, mesh, triangle) else { return 0.0 };
-        (b - a).abs().max((c - a).abs()).max_element()
+    let parts = scene.texture_parts(scene.instances[instance].mesh, triangle).clamp(FEWEST_PARTS, MOST_PARTS);
+    let emitted = |at: Vec2| {
+        let point = scene.appearance_at(instance, triangle, at);
+        point.emission * point.opacity
     };
-    let base = material.base_color_texture.as_ref().filter(|_| material.alpha_mode != AlphaMode::Opaque);
-    let most = material.emission_texture.iter().chain(base).map(texels).fold(0.0, f32::max);
-    (most.ceil() as u32).clamp(FEWEST_CUTS, MOST_CUTS)
-}
-
-/// Radiance of a point; what is not covered does not emit.
-fn emitted(scene: &Scene, instance: usize, triangle: usize, barycentric: Vec2) -> Rgb {
-    scene.emission_at(instance, triangle, barycentric) * scene.alpha_at(instance, triangle, barycentric)
+    triangle_middles(parts).map(emitted).sum::<Rgb>() / (parts * parts) as f32
 }
 
 /// Splits triangles at the median of their longest extent until each group is small, and makes each a lamp.
@@ -162,7 +137,7 @@ fn group(mut triangles: Vec<EmitterTriangle>, lamps: &mut Vec<Lamp>) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scene::{Filter, Instance, LightmapRequest, Material, Mesh, Primitive, Texture, Wrap};
+    use crate::scene::{Filter, Instance, LightmapRequest, Material, Mesh, Primitive, Texture, TextureSlot, Wrap};
 
     #[test]
     fn a_textured_emitter_sends_the_sum_of_its_texels() {

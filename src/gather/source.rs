@@ -267,13 +267,14 @@ impl<'a> Source<'a> {
                     }
                 }
                 Some(through) => {
+                    let is_there = 1.0 - through.element_sum() / 3.0;
                     if let Some(place) = place {
-                        met.own += met.passed * self.cached(&place, hit.t, solid_angle);
+                        met.own += met.passed * is_there * self.cached(&place, hit.t, solid_angle);
                     }
                     let left = draw.unwrap_or_else(|| {
                         unit_float(direction.to_array().iter().fold(0, |seed, x| hash2(seed, x.to_bits())))
                     });
-                    let fills = met.passed.element_sum() / 3.0 * (1.0 - through.element_sum() / 3.0);
+                    let fills = met.passed.element_sum() / 3.0 * is_there;
                     if left >= 0.0 && left < fills {
                         met.receiver = receiver;
                     }

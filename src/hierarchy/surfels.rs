@@ -3,12 +3,15 @@
 //! Surfel indices count texels first, then patches.
 
 use crate::atlas::{Atlas, Texels};
-use crate::scene::{Rgb, Scene};
+use crate::math::triangle_middles;
+use crate::scene::{Appearance, Rgb, Scene};
 use glam::{Vec2, Vec3};
 use std::ops::Range;
 
 /// A triangle without a lightmap is cut into 4ⁿ patches; n is at most this.
 const MAX_PATCH_LEVEL: u32 = 6;
+/// Most parts along a patch's sides whose looks are averaged.
+const MOST_PARTS: u32 = 16;
 
 /// Texels and patches of a scene.
 pub struct Surfels<'a> {
@@ -23,8 +26,8 @@ pub struct Surfels<'a> {
     patches: Patches,
 }
 
-/// What is left of the area of a surfel that something stands on or crosses: it says little of what is seen, but it
-/// must not vanish from an element that has no other.
+/// What is left of the area of a surfel that something stands on or crosses, or that light goes through: it says little of
+/// what is seen, but it must not vanish from an element that has no other.
 const COVERED: f32 = 1e-3;
 
 /// Pieces of the triangles of instances without a lightmap. Structure of arrays.
@@ -126,14 +129,16 @@ impl<'a> Surfels<'a> {
         self.parted.get(s as usize).is_some_and(|&c| c)
     }
 
-    /// Area that takes part in the exchange of light, m².
+    /// Area that takes part in the exchange of light, without what light goes through, m².
     pub fn area(&self, s: u32) -> f32 {
-        let texel =
-            |t: &Texels, i: usize| if self.covered[i] || self.crossed[i] { COVERED * t.area[i] } else { t.area[i] };
+        let texel = |t: &Texels, i: usize| {
+            let free = if self.covered[i] || self.crossed[i] { COVERED } else { 1.0 };
+            t.area[i] * free * t.opacity.get(i).map_or(1.0, |o| o.max(COVERED))
+        };
         self.pick(s, texel, |p, i| p.area[i])
     }
 
-    /// Diffuse reflectance.
+    /// Diffuse reflectance of what is there.
     pub fn reflectance(&self, s: u32) -> Rgb {
         self.pick(s, |t, i| t.reflectance[i], |p, i| p.reflectance[i])
     }
@@ -194,15 +199,19 @@ impl Patches {
             self.triangles[instance].push(TrianglePatches { first: self.position.len() as u32, level });
             let normal = scene.geometric_normal(instance, triangle);
             let area = 0.5 * (b - a).cross(c - a).length() / (1 << (2 * level)) as f32;
+            let parts = (scene.texture_parts(mesh, triangle) >> level).clamp(1, MOST_PARTS);
             for index in 0..1 << (2 * level) {
-                let bary = patch_centre(index, level);
-                self.position.push(a + (b - a) * bary.x + (c - a) * bary.y);
+                let at = |bary: Vec2| scene.appearance_at(instance, triangle, bary);
+                // The corners of the patch, between which its looks are averaged.
+                let [first, second, third] = patch_corners(index, level);
+                let inside = |w: Vec2| first + (second - first) * w.x + (third - first) * w.y;
+                let looks = Appearance::mean(triangle_middles(parts).map(|w| (at(inside(w)), 1.0)));
+                let centre = inside(Vec2::splat(1.0 / 3.0));
+                self.position.push(a + (b - a) * centre.x + (c - a) * centre.y);
                 self.normal.push(normal);
-                self.area.push(area);
-                // A hole neither reflects nor emits.
-                let there = scene.alpha_at(instance, triangle, bary);
-                self.reflectance.push(scene.reflectance_at(instance, triangle, bary) * there);
-                self.emission.push(scene.emission_at(instance, triangle, bary) * there);
+                self.area.push(area * looks.opacity.max(COVERED));
+                self.reflectance.push(looks.reflectance);
+                self.emission.push(looks.emission);
                 self.owner.push((instance as u32, triangle as u32));
             }
         }
@@ -243,18 +252,19 @@ fn patch_index(barycentric: Vec2, level: u32) -> u32 {
     index
 }
 
-/// Barycentrics of a patch's centroid: the inverse of [`patch_index`].
-fn patch_centre(index: u32, level: u32) -> Vec2 {
-    let mut p = Vec2::splat(1.0 / 3.0);
-    for l in 0..level {
-        p = match index >> (2 * l) & 3 {
-            0 => p * 0.5,
-            1 => p * 0.5 + Vec2::new(0.5, 0.0),
-            2 => p * 0.5 + Vec2::new(0.0, 0.5),
-            _ => (Vec2::ONE - p) * 0.5,
-        };
-    }
-    p
+/// Barycentrics of a patch's corners: the inverse of [`patch_index`].
+fn patch_corners(index: u32, level: u32) -> [Vec2; 3] {
+    [Vec2::ZERO, Vec2::X, Vec2::Y].map(|mut p| {
+        for l in 0..level {
+            p = match index >> (2 * l) & 3 {
+                0 => p * 0.5,
+                1 => p * 0.5 + Vec2::new(0.5, 0.0),
+                2 => p * 0.5 + Vec2::new(0.0, 0.5),
+                _ => 0.5 - p * 0.5,
+            };
+        }
+        p
+    })
 }
 
 /// Puts a zero bit between the bits of `x`.
@@ -274,7 +284,8 @@ mod tests {
     fn patch_centres_lie_in_their_patches() {
         for level in 0..5 {
             for index in 0..1 << (2 * level) {
-                assert_eq!(patch_index(patch_centre(index, level), level), index);
+                let [a, b, c] = patch_corners(index, level);
+                assert_eq!(patch_index((a + b + c) / 3.0, level), index);
             }
         }
     }

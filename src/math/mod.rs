@@ -4,8 +4,10 @@ mod direction;
 mod distribution;
 mod sequence;
 mod spherical_rect;
+mod subdivision;
 
 pub use direction::{cosine_hemisphere, octahedral, orthonormal_basis, uniform_disk};
 pub use distribution::Distribution;
 pub use sequence::{Sequence, hash2, hash3, shifted, shuffled, unit_float};
 pub use spherical_rect::SphericalRect;
+pub use subdivision::triangle_middles;

@@ -96,4 +96,14 @@ impl Material {
     pub fn emits(&self) -> bool {
         self.emission.max_element() > 0.0
     }
+
+    /// True if the surface may have holes or let light through in part.
+    pub fn lets_light_through(&self) -> bool {
+        self.alpha_mode != AlphaMode::Opaque || self.transmission > 0.0
+    }
+
+    /// True if the surface may have holes.
+    pub fn is_masked(&self) -> bool {
+        matches!(self.alpha_mode, AlphaMode::Mask(_))
+    }
 }

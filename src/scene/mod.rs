@@ -19,6 +19,7 @@ pub use material::{AlphaMode, MAX_REFLECTANCE, Material, TextureSlot};
 pub use mesh::{Instance, LightmapRequest, Mesh, Primitive};
 pub use panorama::{Cell, Panorama};
 pub use profile::{Photometry, Profile};
+pub use shading::Appearance;
 pub use sky::{BrightCell, BrightRegion, Sky};
 pub use texture::{Filter, Texture, Wrap};
 
