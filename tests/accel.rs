@@ -245,6 +245,24 @@ fn mirrored_and_sheared_instances_keep_distance_and_front_face() {
 }
 
 #[test]
+fn a_forest_fits_into_memory() {
+    // 10,000 trees of 5,000 triangles, which copied would take 3.5 GB.
+    let mut random = Random(21);
+    let tree = soup(5000, 0.1, &mut random);
+    let place = |i: usize| Affine3A::from_translation(Vec3::new((i % 100) as f32, 0.0, (i / 100) as f32) * 4.0);
+    let mut s = scene(vec![tree], (0..10_000).map(|i| instance(0, place(i))).collect());
+    for casts in [true, false] {
+        s.instances.iter_mut().for_each(|i| i.casts_shadows = casts);
+        let accel = Accel::build(&s);
+        assert!(accel.size() < 20 << 20, "{} bytes", accel.size());
+        let down = |i: usize| ray(Vec3::from(place(i).translation) + 5.0 * Vec3::Y, Vec3::NEG_Y);
+        let met: Vec<u32> =
+            (0..10_000).step_by(97).filter_map(|i| accel.surface(&down(i))).map(|h| h.instance).collect();
+        assert!(met.len() > 50 && met.iter().all(|i| i % 97 == 0), "{met:?}");
+    }
+}
+
+#[test]
 fn shared_and_copied_meshes_give_the_same_hits() {
     let mut random = Random(15);
     let mut instances = vec![instance(1, Affine3A::from_scale(Vec3::splat(3.0)))];

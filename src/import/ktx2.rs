@@ -12,6 +12,10 @@ pub(super) fn is_ktx2(bytes: &[u8]) -> bool {
 
 /// Width, height and texels of the largest mip level. Fails with the reason; `max_bytes` bounds the result.
 pub(super) fn decode(bytes: &[u8], max_bytes: u64) -> Result<(u32, u32, Vec<[u8; 4]>), String> {
+    let format = bytes.get(12..16).and_then(|b| b.try_into().ok()).map_or(0, u32::from_le_bytes);
+    if format != 0 {
+        return Err(format!("it is a KTX2 file of Vulkan format {format}, not a Basis texture"));
+    }
     check_sizes(bytes, max_bytes).ok_or("its header does not fit its content")?;
     let texture = Transcoder::new(bytes).map_err(|e| format!("{e:?}"))?;
     let (width, height) = texture.base_dimensions();

@@ -137,11 +137,14 @@ fn reflectance_is_the_mean_of_the_texture_under_the_texel() {
 }
 
 #[test]
-fn holes_neither_reflect_nor_emit() {
+fn texels_hold_what_is_there_and_how_much_of_it() {
     let mut s = textured(8);
     s.materials[0].emission = Vec3::ONE;
     s.materials[0].alpha_mode = AlphaMode::Mask(0.5);
-    let (_, _, texels) = bake(&s, &keep(4));
-    assert!(texels.emission.iter().all(|e| (e.x - 0.5).abs() < 1e-5));
-    assert!(texels.reflectance.iter().all(|r| (r.x - 0.25).abs() < 1e-5));
+    let texels = bake(&s, &keep(4)).2;
+    assert!(texels.opacity.iter().all(|o| (o - 0.5).abs() < 1e-5));
+    assert!(texels.emission.iter().all(|e| (e.x - 1.0).abs() < 1e-5));
+    assert!(texels.reflectance.iter().all(|r| (r.x - 0.5).abs() < 1e-5));
+    s.materials[0].alpha_mode = AlphaMode::Opaque;
+    assert!(bake(&s, &keep(4)).2.opacity.is_empty());
 }

@@ -21,7 +21,7 @@ fn bytes<const N: usize>(values: &[[f32; N]]) -> Vec<u8> {
 }
 
 /// An asset whose mesh is the Draco stream of the grid, with normals.
-fn draco() -> Asset {
+pub(crate) fn draco() -> Asset {
     let (positions, indices) = grid(12);
     let normals = vec![[0.0, 0.0, 1.0]; positions.len()];
     let attribute = |name: &str, values: &[[f32; 3]]| {
@@ -125,7 +125,7 @@ fn encode_meshopt(data: &[u8], stride: usize) -> Vec<u8> {
 }
 
 /// An asset whose positions are a meshopt view.
-fn meshopt(name: &str) -> Asset {
+pub(crate) fn meshopt(name: &str) -> Asset {
     let (positions, indices) = grid(9);
     let plain = bytes(&positions);
     let mut asset = Asset::triangle();

@@ -1,6 +1,8 @@
 //! The same asset in every container that glTF has.
 
-use crate::fixture::{Asset, assert_clean, file};
+use crate::fixture::{Asset, assert_clean, file, warning};
+use base64::Engine as _;
+use base64::prelude::BASE64_STANDARD;
 use glam::Vec2;
 use lightkiln::import::{ImportSettings, Imported, load};
 use lightkiln::progress::Silent;
@@ -32,19 +34,6 @@ fn check(imported: &Imported) {
     assert_eq!(imported.scene.triangle_count(), 1);
     let reflectance = imported.scene.reflectance_at(0, 0, Vec2::splat(0.3));
     assert!((reflectance.x - 0.5).abs() < 0.02 && reflectance.y < 0.02, "{reflectance}");
-}
-
-fn base64(bytes: &[u8]) -> String {
-    const DIGITS: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
-    let mut out = String::new();
-    for chunk in bytes.chunks(3) {
-        let word = chunk.iter().fold(0u32, |w, b| w << 8 | u32::from(*b)) << (8 * (3 - chunk.len()));
-        for k in 0..4 {
-            let digit = DIGITS[(word >> (18 - 6 * k)) as usize & 63];
-            out.push(if k <= chunk.len() { char::from(digit) } else { '=' });
-        }
-    }
-    out
 }
 
 #[test]
@@ -84,10 +73,10 @@ fn external_files_with_escaped_names() {
 
 #[test]
 fn data_uris() {
-    let png = format!("data:image/png;base64,{}", base64(&picture(image::ImageFormat::Png)));
+    let png = format!("data:image/png;base64,{}", BASE64_STANDARD.encode(&picture(image::ImageFormat::Png)));
     let asset = textured(json!({"uri": png}));
     let mut json = asset.json.clone();
-    let uri = format!("data:application/octet-stream;base64,{}", base64(&asset.bin));
+    let uri = format!("data:application/octet-stream;base64,{}", BASE64_STANDARD.encode(&asset.bin));
     json["buffers"][0] = json!({"byteLength": asset.bin.len(), "uri": uri});
     let (_folder, path) = file("scene.gltf", json.to_string().as_bytes());
     let imported = load(&path, &ImportSettings::default(), &Silent).unwrap();
@@ -122,39 +111,55 @@ fn the_document_keeps_what_is_not_understood() {
 
 /// Eight by four texels, red left and blue right, as the Basis Universal encoder writes them in base64: UASTC in a
 /// Zstandard frame.
-const UASTC: &str = concat!(
+pub(crate) const UASTC: &str = concat!(
     "q0tUWCAyMLsNChoKAAAAAAEAAAAIAAAABAAAAAAAAAAAAAAAAQAAAAEAAAACAAAAaAAAACwAAACUAAAAJAAAAAAAAAAAAAAAAAAAAAAAAAC4AA",
     "AAAAAAACYAAAAAAAAAIAAAAAAAAAAsAAAAAAAAAAIAKACmAQIAAwMAABAAAAAAAAAAAAB/AAAAAAAAAAAA/////x8AAABLVFh3cml0ZXIAQmFz",
     "aXMgVW5pdmVyc2FsIDIuNTAAACi1L/0gIO0AALj3HwDgH3oAFwDg/x8C4AEAAAAAAAAAAAEABTAC",
 );
 
 /// The same as ETC1S.
-const ETC1S: &str = concat!(
+pub(crate) const ETC1S: &str = concat!(
     "q0tUWCAyMLsNChoKAAAAAAEAAAAIAAAABAAAAAAAAAAAAAAAAQAAAAEAAAABAAAAaAAAACwAAACUAAAAJAAAALgAAAAAAAAAggAAAAAAAAA6AQ",
     "AAAAAAAAEAAAAAAAAAAAAAAAAAAAAsAAAAAAAAAAIAKACjAQIAAwMAAAgAAAAAAAAAAAA/AAAAAAAAAAAA/////x8AAABLVFh3cml0ZXIAQmFz",
     "aXMgVW5pdmVyc2FsIDIuNTAAAAIAAQAqAAAABQAAACsAAAAAAAAAAAAAAAAAAAABAAAAAAAAAAAAAAAgwEQAAAAAAADiRAQwEQAAAAAAgCQgAE",
     "wACAAAAAAgBgATAAAAAAAACCasqqqqAgDBRAAAAAAAAPJfTQCYABAAAAAAQBQAJgAEAAAAABADgAkAAAAAAAAEEAAA",
 );
 
+/// The textured triangle with a Basis texture.
+pub(crate) fn basis(ktx2: &str) -> Asset {
+    let mut asset = textured(json!({"uri": format!("data:image/ktx2;base64,{ktx2}")}));
+    asset.json["textures"][0] = json!({"sampler": 0, "extensions": {"KHR_texture_basisu": {"source": 0}}});
+    asset.json["extensionsUsed"] = json!(["KHR_texture_basisu"]);
+    asset.json["extensionsRequired"] = json!(["KHR_texture_basisu"]);
+    asset
+}
+
 #[test]
 fn basis_textures() {
     for ktx2 in [UASTC, ETC1S] {
-        let mut asset = textured(json!({"uri": format!("data:image/ktx2;base64,{ktx2}")}));
-        asset.json["textures"][0] = json!({"sampler": 0, "extensions": {"KHR_texture_basisu": {"source": 0}}});
-        asset.json["extensionsRequired"] = json!(["KHR_texture_basisu"]);
-        check(&asset.imported());
+        check(&basis(ktx2).imported());
     }
+}
+
+#[test]
+fn ktx2_textures_of_other_formats_are_named() {
+    let mut other = BASE64_STANDARD.decode(UASTC).expect("sound text");
+    // VK_FORMAT_R8G8B8_UNORM.
+    other[12..16].copy_from_slice(&23u32.to_le_bytes());
+    let asset = basis(&BASE64_STANDARD.encode(other));
+    let named = warning(&asset.imported(), "undecodable_image");
+    assert!(named.contains("Vulkan format 23") && named.contains("Basis"), "{named}");
 }
 
 #[test]
 fn damaged_basis_textures_never_panic() {
     let damaged = |bytes: &[u8]| {
-        let asset = textured(json!({"uri": format!("data:image/ktx2;base64,{}", base64(bytes))}));
+        let asset = textured(json!({"uri": format!("data:image/ktx2;base64,{}", BASE64_STANDARD.encode(bytes))}));
         // Either the picture or a warning.
         asset.imported();
     };
     for ktx2 in [UASTC, ETC1S] {
-        let data = decode_base64(ktx2);
+        let data = BASE64_STANDARD.decode(ktx2).expect("sound text");
         for at in 12..data.len() {
             for value in [0, 0xff] {
                 let mut bytes = data.clone();
@@ -164,20 +169,4 @@ fn damaged_basis_textures_never_panic() {
             damaged(&data[..at]);
         }
     }
-}
-
-/// The inverse of [`base64`], for sound text.
-fn decode_base64(text: &str) -> Vec<u8> {
-    let digit = |c: u8| match c {
-        b'A'..=b'Z' => c - b'A',
-        b'a'..=b'z' => c - b'a' + 26,
-        b'0'..=b'9' => c - b'0' + 52,
-        b'+' => 62,
-        _ => 63,
-    };
-    let padding = text.bytes().rev().take_while(|c| *c == b'=').count();
-    let words = text.as_bytes().chunks(4).map(|c| c.iter().fold(0u32, |w, c| w << 6 | u32::from(digit(*c) & 63)));
-    let mut bytes: Vec<u8> = words.flat_map(|w| [(w >> 16) as u8, (w >> 8) as u8, w as u8]).collect();
-    bytes.truncate(bytes.len() - padding);
-    bytes
 }

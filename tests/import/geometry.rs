@@ -102,8 +102,8 @@ fn attributes_of_the_wrong_length_are_ignored() {
     assert_eq!(imported.scene.meshes[0].normals, [Vec3::Z; 6]);
 }
 
-#[test]
-fn quantised_attributes_are_read() {
+/// A triangle with quantised attributes.
+pub(crate) fn quantised() -> Asset {
     let mut asset = Asset::empty();
     let positions: Vec<u8> =
         [[0i8, 0, 0, 0], [127, 0, 0, 0], [0, 127, 0, 0]].concat().iter().map(|v| *v as u8).collect();
@@ -121,8 +121,12 @@ fn quantised_attributes_are_read() {
     asset.node(json!({"mesh": mesh}));
     asset.json["extensionsUsed"] = json!(["KHR_mesh_quantization"]);
     asset.json["extensionsRequired"] = json!(["KHR_mesh_quantization"]);
+    asset
+}
 
-    let imported = asset.imported();
+#[test]
+fn quantised_attributes_are_read() {
+    let imported = quantised().imported();
     assert_clean(&imported);
     let mesh = &imported.scene.meshes[0];
     assert_eq!(mesh.positions, [Vec3::ZERO, Vec3::X, Vec3::Y]);

@@ -7,6 +7,7 @@ mod fixture;
 mod geometry;
 mod ies;
 mod lights;
+mod lit_copies;
 mod materials;
 mod sky;
 mod structure;

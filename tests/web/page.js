@@ -60,6 +60,8 @@ async function load(base64, pages) {
   const { scene, cameras } = await loader.parseAsync(bytesOf(base64), "");
   let lightmapped = 0;
   scene.traverse((object) => {
+    // The lightmap holds the light of the file's lamps.
+    object.visible &&= !object.isLight;
     if (!object.isMesh) return;
     lightmapped += object.material.lightMap ? 1 : 0;
     object.material = lambertian(object.material);
