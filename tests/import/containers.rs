@@ -73,7 +73,7 @@ fn external_files_with_escaped_names() {
 
 #[test]
 fn data_uris() {
-    let png = format!("data:image/png;base64,{}", BASE64_STANDARD.encode(&picture(image::ImageFormat::Png)));
+    let png = format!("data:image/png;base64,{}", BASE64_STANDARD.encode(picture(image::ImageFormat::Png)));
     let asset = textured(json!({"uri": png}));
     let mut json = asset.json.clone();
     let uri = format!("data:application/octet-stream;base64,{}", BASE64_STANDARD.encode(&asset.bin));
