@@ -4,7 +4,8 @@
 //! walls. One bounce by rays sees surfaces as they are; its hits are kept and iterated, from the links' solution on.
 
 use super::guide::{Glance, Guide};
-use super::source::{LitScene, Source, Start};
+use super::lit_scene::LitScene;
+use super::source::{Source, Start};
 use crate::hierarchy::Side;
 use crate::math::{Sequence, cosine_hemisphere, hash2};
 use crate::progress::{Cancelled, Progress};

@@ -8,11 +8,14 @@ mod emitters;
 mod footprint;
 mod guide;
 mod lamp;
+mod lit_scene;
 mod obstacles;
 mod openings;
 mod portal;
 mod probe;
 mod region;
+mod secondary;
+mod sending;
 mod source;
 mod visibility;
 
@@ -23,9 +26,10 @@ pub use emitters::{Emission, classify};
 pub use footprint::Footprint;
 pub use guide::Guide;
 pub use lamp::Lamp;
+pub use lit_scene::{LitScene, shut_texels};
 pub use openings::Portals;
 pub use probe::{Probe, ProbeSettings};
-pub use source::{LitScene, Source, shut_texels};
+pub use source::Source;
 pub use visibility::Lamps;
 
 use crate::scene::Rgb;

@@ -12,7 +12,7 @@ use crate::accel::offset_origin;
 use crate::hierarchy::Side;
 use crate::math::{Sequence, cosine_hemisphere, hash2};
 use crate::scene::Rgb;
-use glam::Vec2;
+use glam::{Vec2, Vec3};
 use std::f32::consts::PI;
 
 /// Strata along a side of the square that maps to the hemisphere.
@@ -56,7 +56,8 @@ pub struct Probe {
 impl Probe {
     /// Gathers at `texel`. Rays start all over the texel's usable part, so that the value is its mean.
     pub fn gather(source: &Source, footprint: &Footprint, texel: u32, settings: &ProbeSettings) -> Self {
-        let view = View { source, footprint, texel, screen: source.start(texel, Side::Front).screen };
+        let receiver = footprint.centre(texel).position;
+        let view = View { source, footprint, texel, receiver, screen: source.start(texel, Side::Front).screen };
         let mut strata = [Stratum::default(); STRATA];
         let (mut inverse, mut rays) = (0.0f32, 0);
         let sequence = Sequence::new(0x9a7e);
@@ -80,6 +81,10 @@ impl Probe {
         }
         let mut spread = spread(&strata.map(|s| s.mean()), &strata.map(|s| s.variance()));
         let mean = strata.iter().map(Stratum::mean).sum::<f32>() / STRATA as f32;
+        let all = PI * mean + source.direct(texel) + settings.floor;
+        let sent = source.sent_to(footprint, texel, 0.5 * settings.tolerance * all);
+        rays += sent.rays;
+        let mean = mean + sent.irradiance.element_sum() / 3.0 / PI;
         // What the eye compares is all the light at the texel, not the part gathered here.
         let tolerance = settings.tolerance * (mean + (source.direct(texel) + settings.floor) / PI);
         for _ in 0..ROUNDS {
@@ -94,9 +99,10 @@ impl Probe {
         }
         let variance: f32 = spread.iter().zip(&strata).map(|(&spread, s)| spread * spread / s.count as f32).sum();
         Self {
-            irradiance: strata.iter().map(|s| s.sum / s.count as f32).sum::<Rgb>() * (PI / STRATA as f32),
+            irradiance: sent.irradiance
+                + strata.iter().map(|s| s.sum / s.count as f32).sum::<Rgb>() * (PI / STRATA as f32),
             distance: STRATA as f32 / inverse.max(1e-12),
-            error: PI * variance.sqrt() / STRATA as f32,
+            error: (PI * variance.sqrt() / STRATA as f32).hypot(sent.error),
             rays,
         }
     }
@@ -144,6 +150,8 @@ struct View<'a> {
     source: &'a Source<'a>,
     footprint: &'a Footprint<'a>,
     texel: u32,
+    /// Where what is sent to it is sent.
+    receiver: Vec3,
     screen: Screen<'a>,
 }
 
@@ -174,7 +182,7 @@ impl View<'_> {
         let solid_angle = share * PI / (STRATA as f32 * cosine);
         let seed = hash2(u.x.to_bits(), u.y.to_bits());
         let origin = offset_origin(p.position, p.geometric_normal);
-        self.source.follow(origin, direction, solid_angle, self.screen, seed)
+        self.source.follow(origin, direction, solid_angle, self.screen, self.receiver, seed)
     }
 }
 

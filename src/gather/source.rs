@@ -1,13 +1,12 @@
 //! What a gather ray sees: the radiance of the coarse solution, refined by each texel's own direct light.
 
-use super::direct::Direct;
-use super::emitters::Emission;
-use super::footprint::Footprint;
 use super::guide::{Bright, Guide};
-use super::visibility::{Lamps, Screen};
+use super::lit_scene::LitScene;
+use super::secondary::Secondary;
+use super::visibility::Screen;
 use crate::accel::{Accel, Hit, Ray, offset_origin};
-use crate::atlas::{Atlas, SurfacePoint};
-use crate::hierarchy::{Hierarchy, Side, Surfels};
+use crate::atlas::SurfacePoint;
+use crate::hierarchy::Side;
 use crate::math::{cosine_hemisphere, hash2, hash3, unit_float};
 use crate::scene::Rgb;
 use glam::{Vec2, Vec3};
@@ -80,51 +79,8 @@ struct Place {
     element: u32,
     /// The element, or the shut texel.
     receiver: u32,
-}
-
-/// Everything that says what leaves the scene's surfaces, but for the irradiance of elements.
-#[derive(Clone, Copy)]
-pub struct LitScene<'a> {
-    /// Ray queries.
-    pub accel: &'a Accel<'a>,
-    /// Where texels lie.
-    pub atlas: &'a Atlas,
-    /// Texels and patches without a lightmap.
-    pub surfels: &'a Surfels<'a>,
-    /// Elements and their clusters.
-    pub hierarchy: &'a Hierarchy,
-    /// Which emission rays meet.
-    pub emission: &'a Emission,
-    /// Which part of texels is open.
-    pub footprint: &'a Footprint<'a>,
-    /// What sends light to single points.
-    pub lamps: &'a Lamps<'a>,
-    /// Light straight from lamps per texel.
-    pub direct: &'a Direct,
-    /// Irradiance of every element straight from lamps, W/m².
-    pub element_direct: &'a [Rgb],
-    /// Texels that something stands on while their element lies partly open, ascending: they do not share in what the
-    /// element receives and are receivers of their own, numbered on from the elements.
-    pub shut: &'a [u32],
-}
-
-/// The shut texels of a scene.
-pub fn shut_texels(surfels: &Surfels, hierarchy: &Hierarchy) -> Vec<u32> {
-    let is_shut = |&s: &u32| {
-        surfels.is_covered(s) && hierarchy.element_of(s, Side::Front).is_some_and(|e| hierarchy.is_open(surfels, e))
-    };
-    (0..surfels.texels.len() as u32).into_par_iter().filter(is_shut).collect()
-}
-
-impl LitScene<'_> {
-    /// The receiver of a shut texel.
-    fn shut_receiver(&self, surfel: u32) -> Option<u32> {
-        if !self.surfels.is_covered(surfel) {
-            return None;
-        }
-        let index = self.shut.binary_search(&surfel).ok()?;
-        Some((self.hierarchy.elements.len() + index) as u32)
-    }
+    /// True if the element is all that is met: nothing stands there or crosses it.
+    is_clear: bool,
 }
 
 /// Share of a texel that is seen, from the share of it that is open: what is wholly covered is seen through gaps.
@@ -134,13 +90,15 @@ fn open_part(open: f32) -> f32 {
 
 /// The scene as a source of light.
 pub struct Source<'a> {
-    lit: LitScene<'a>,
+    pub(super) lit: LitScene<'a>,
     /// Where bright things are seen, if that is known.
     guide: Option<&'a Guide>,
+    /// What is sent to probes.
+    pub(super) secondary: Option<Secondary>,
     /// Reflected radiance of every surfel's front, W/(m²·sr).
-    front: Vec<[f16; 3]>,
+    pub(super) front: Vec<[f16; 3]>,
     /// Reflected radiance of every element, W/(m²·sr).
-    elements: Vec<Rgb>,
+    pub(super) elements: Vec<Rgb>,
     /// Area of every element, m².
     areas: Vec<f32>,
 }
@@ -163,7 +121,7 @@ impl<'a> Source<'a> {
                 radiance(s, own + rest[receiver as usize]).to_array().map(f16::from_f32)
             })
             .collect();
-        let (elements, areas) = hierarchy
+        let (elements, areas): (Vec<Rgb>, Vec<f32>) = hierarchy
             .elements
             .par_iter()
             .enumerate()
@@ -181,7 +139,10 @@ impl<'a> Source<'a> {
                 (sum / area.max(f32::MIN_POSITIVE), area)
             })
             .unzip();
-        Self { lit, guide, front, elements, areas }
+        // Only probes have them sent; not through what hides reflected light and no lamp.
+        let casts_shadows = lit.accel.scene().instances.iter().all(|i| i.casts_shadows);
+        let secondary = guide.filter(|_| casts_shadows).map(|_| Secondary::new(hierarchy, surfels, &elements));
+        Self { lit, guide, secondary, front, elements, areas }
     }
 
     /// Light straight from lamps at a texel, W/m², mean of channels.
@@ -204,16 +165,27 @@ impl<'a> Source<'a> {
     /// What is seen along a ray that stands for `solid_angle` sr, as the coarse solution has it; of the sky what
     /// `screen` shows.
     pub fn look(&self, origin: Vec3, direction: Vec3, solid_angle: f32, screen: Screen) -> Seen {
-        let met = self.meet(origin, direction, solid_angle, screen);
+        let met = self.meet(origin, direction, solid_angle, screen, None);
         let reflected = met.place.map_or(Rgb::ZERO, |place| self.cached(&place, met.distance, solid_angle));
         Seen { radiance: met.own + met.passed * reflected, receiver: met.receiver }
     }
 
     /// Like `look`, but a path that ends nearer than the coarse solution can tell what happens there, as in corners and
-    /// narrow gaps, goes on. `seed` makes its turns.
-    pub fn follow(&self, origin: Vec3, direction: Vec3, solid_angle: f32, screen: Screen, seed: u32) -> Followed {
-        let first = self.meet(origin, direction, solid_angle, screen);
+    /// narrow gaps, goes on. What is sent to `receiver` does not count. `seed` makes its turns.
+    pub fn follow(
+        &self,
+        origin: Vec3,
+        direction: Vec3,
+        solid_angle: f32,
+        screen: Screen,
+        receiver: Vec3,
+        seed: u32,
+    ) -> Followed {
+        let first = self.meet(origin, direction, solid_angle, screen, Some(receiver));
         let (mut radiance, mut weight) = (first.own, first.passed);
+        if first.place.is_some_and(|place| self.is_sent(&place, receiver)) {
+            return Followed { radiance, distance: first.distance, rays: 1 };
+        }
         let (mut place, mut distance, mut solid_angle) = (first.place, first.distance, solid_angle);
         let mut rays = 1;
         for turn in 0.. {
@@ -228,7 +200,7 @@ impl<'a> Source<'a> {
             radiance += weight * FRAC_1_PI * direct;
             let u = Vec2::new(unit_float(hash2(seed, 1)), unit_float(hash2(seed, 2)));
             let origin = offset_origin(at.point, at.normal);
-            let next = self.meet(origin, cosine_hemisphere(at.normal, u), PI, screen);
+            let next = self.meet(origin, cosine_hemisphere(at.normal, u), PI, screen, None);
             radiance += weight * next.own;
             weight *= next.passed;
             rays += 1;
@@ -241,8 +213,8 @@ impl<'a> Source<'a> {
 
     /// What a ray that stands for `solid_angle` sr runs into. What translucent surfaces send counts as own; of all that
     /// is met, the receiver is drawn by how much of the view it fills: colour is lost by that, but only to the coarse
-    /// solution.
-    fn meet(&self, origin: Vec3, direction: Vec3, solid_angle: f32, screen: Screen) -> Met {
+    /// solution. What is sent to `receiver` does not count as own.
+    fn meet(&self, origin: Vec3, direction: Vec3, solid_angle: f32, screen: Screen, receiver: Option<Vec3>) -> Met {
         let accel = self.lit.accel;
         let mut ray = Ray { origin, direction, t_min: 0.0, t_max: f32::INFINITY };
         let mut met = Met { own: Rgb::ZERO, passed: Rgb::ONE, distance: f32::INFINITY, place: None, receiver: None };
@@ -256,19 +228,20 @@ impl<'a> Source<'a> {
             };
             let (emitted, place) = self.surface(&ray, &hit);
             met.own += shines * emitted;
-            let receiver = place.map(|p| p.receiver);
+            let met_by = place.map(|p| p.receiver);
             let through = accel.transmission_at(&hit).filter(|_| layers < Accel::MOST_LAYERS);
             match through {
                 _ if is_hidden => {}
                 None => {
                     (met.distance, met.place, is_hidden) = (hit.t, place, true);
                     if draw.is_none_or(|d| d >= 0.0) {
-                        met.receiver = receiver;
+                        met.receiver = met_by;
                     }
                 }
                 Some(through) => {
                     let is_there = 1.0 - through.element_sum() / 3.0;
-                    if let Some(place) = place {
+                    let counts = |place: &Place| receiver.is_none_or(|p| !self.is_sent(place, p));
+                    if let Some(place) = place.filter(counts) {
                         met.own += met.passed * is_there * self.cached(&place, hit.t, solid_angle);
                     }
                     let left = draw.unwrap_or_else(|| {
@@ -276,7 +249,7 @@ impl<'a> Source<'a> {
                     });
                     let fills = met.passed.element_sum() / 3.0 * is_there;
                     if left >= 0.0 && left < fills {
-                        met.receiver = receiver;
+                        met.receiver = met_by;
                     }
                     draw = Some(left - fills);
                     met.passed *= through;
@@ -309,6 +282,7 @@ impl<'a> Source<'a> {
             Rgb::ZERO
         };
         let place = lit.surfels.at(lit.atlas, instance, triangle, hit.barycentric).and_then(|surfel| {
+            let is_clear = lit.surfels.is_clear(surfel);
             let surfel = match lit.atlas.locate(instance, triangle, hit.barycentric) {
                 Some((_, p)) => lit.footprint.seen_at(surfel, p),
                 None => surfel,
@@ -318,9 +292,15 @@ impl<'a> Source<'a> {
             let shut = if side == Side::Front { lit.shut_receiver(surfel) } else { None };
             let receiver = shut.unwrap_or(element);
             let point = ray.origin + direction * hit.t;
-            Some(Place { point, normal, cosine: cosine.abs(), side, surfel, element, receiver })
+            Some(Place { point, normal, cosine: cosine.abs(), side, surfel, element, receiver, is_clear })
         });
         (own, place)
+    }
+
+    /// True if what a place reflects is sent to receivers at `p`.
+    fn is_sent(&self, place: &Place, p: Vec3) -> bool {
+        let is_plain = place.is_clear && place.receiver == place.element;
+        is_plain && self.secondary.as_ref().is_some_and(|secondary| secondary.is_sent(place.element, p))
     }
 
     /// What a place reflects as the coarse solution has it, to a ray that stands for `solid_angle` sr, W/(m²·sr).

@@ -129,12 +129,15 @@ impl<'a> Surfels<'a> {
         self.parted.get(s as usize).is_some_and(|&c| c)
     }
 
+    /// True if nothing stands on the surfel or crosses it.
+    pub fn is_clear(&self, s: u32) -> bool {
+        !self.is_covered(s) && !self.crossed.get(s as usize).is_some_and(|&c| c)
+    }
+
     /// Area that takes part in the exchange of light, without what light goes through, m².
     pub fn area(&self, s: u32) -> f32 {
-        let texel = |t: &Texels, i: usize| {
-            let free = if self.covered[i] || self.crossed[i] { COVERED } else { 1.0 };
-            t.area[i] * free * t.opacity.get(i).map_or(1.0, |o| o.max(COVERED))
-        };
+        let free = if self.is_clear(s) { 1.0 } else { COVERED };
+        let texel = |t: &Texels, i: usize| t.area[i] * free * t.opacity.get(i).map_or(1.0, |o| o.max(COVERED));
         self.pick(s, texel, |p, i| p.area[i])
     }
 

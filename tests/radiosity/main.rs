@@ -4,6 +4,7 @@ mod audit;
 mod lamps;
 mod leaves;
 mod rooms;
+mod secondary;
 mod shadowless;
 mod sky;
 

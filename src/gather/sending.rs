@@ -1,0 +1,74 @@
+//! Gathers from secondary sources: rays from a texel to points drawn on them.
+
+use super::footprint::Footprint;
+use super::lit_scene::LitScene;
+use super::source::Source;
+use crate::accel::{Ray, offset_origin};
+use crate::hierarchy::Side;
+use crate::math::Sequence;
+use crate::scene::Rgb;
+use half::f16;
+
+/// Bounds of the rays of a texel to secondary sources.
+const FEWEST_SENT: u32 = 4;
+const MOST_SENT: u32 = 256;
+
+/// What secondary sources bring.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Arrived {
+    /// W/m².
+    pub irradiance: Rgb,
+    /// Standard error of its mean channel, W/m².
+    pub error: f32,
+    /// Rays cast.
+    pub rays: u32,
+}
+
+impl Source<'_> {
+    /// What secondary sources bring to a texel: to within about `tolerance`, W/m².
+    pub fn sent_to(&self, footprint: &Footprint, texel: u32, tolerance: f32) -> Arrived {
+        let LitScene { accel, surfels, hierarchy, .. } = self.lit;
+        let centre = footprint.centre(texel);
+        let Some(secondary) = &self.secondary else { return Arrived::default() };
+        let senders = secondary.senders(centre.position, centre.shading_normal);
+        let total = senders.total();
+        if total <= 0.0 {
+            return Arrived::default();
+        }
+        // The error of stratified visibility falls as n^(−3/4).
+        let wanted = (0.5 * total / tolerance.max(f32::MIN_POSITIVE)).powf(4.0 / 3.0).min(MOST_SENT as f32);
+        let (mut sum, mut open, mut blocked) = (Rgb::ZERO, 0, 0);
+        let sequence = Sequence::new(0x5ec0);
+        let mut cast = |i: u32| {
+            let sender = secondary.draw(hierarchy, surfels, &senders, sequence.first(i).x);
+            let from = footprint.point(texel, sequence.second(i));
+            let normal = hierarchy.normal(surfels, sender.surfel, sender.side);
+            let to = offset_origin(surfels.position(sender.surfel), normal);
+            let origin = offset_origin(from.position, from.geometric_normal);
+            let v = to - origin;
+            let distance = v.length();
+            let direction = v / distance;
+            let (receives, sends) = (from.shading_normal.dot(direction), -normal.dot(direction));
+            if receives <= 0.0 || sends <= 0.0 || from.geometric_normal.dot(direction) <= 0.0 {
+                return;
+            }
+            let passed = accel.visibility(&Ray { origin, direction, t_min: 0.0, t_max: distance });
+            if passed == Rgb::ZERO {
+                blocked += 1;
+                return;
+            }
+            open += 1;
+            let radiance = match sender.side {
+                Side::Front => Rgb::from_array(self.front[sender.surfel as usize].map(f16::to_f32)),
+                Side::Back => self.elements[sender.element as usize],
+            };
+            sum += passed * radiance * (receives * sends * sender.area / (distance * distance));
+        };
+        let first = ((0.25 * wanted) as u32).max(FEWEST_SENT);
+        (0..first).for_each(&mut cast);
+        let rays = if wanted as u32 > first { wanted as u32 } else { first };
+        (first..rays).for_each(&mut cast);
+        let error = if open > 0 && blocked > 0 { 0.5 * total * (rays as f32).powf(-0.75) } else { 0.0 };
+        Arrived { irradiance: sum / rays as f32, error, rays }
+    }
+}
