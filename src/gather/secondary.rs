@@ -69,7 +69,6 @@ pub(super) struct Senders {
 
 /// A point of a source that was drawn.
 pub(super) struct Sender {
-    pub(super) element: u32,
     pub(super) surfel: u32,
     pub(super) side: Side,
     /// Area that the point stands for, m².
@@ -125,14 +124,36 @@ impl Secondary {
         Senders { draw: Distribution::new(self.sources.iter().map(|s| f64::from(s.estimate(p, n)))) }
     }
 
-    /// A point drawn by `u` in 0..1 from what a receiver may see.
-    pub(super) fn draw(&self, tree: &Hierarchy, surfels: &Surfels, senders: &Senders, u: f32) -> Sender {
+    /// A surfel drawn by `u` in 0..1 from what a receiver may see, where `radiance` is what surfels send, mean of
+    /// channels; none if the element sends nothing.
+    pub(super) fn draw(
+        &self,
+        tree: &Hierarchy,
+        surfels: &Surfels,
+        radiance: impl Fn(u32, Side) -> f32,
+        senders: &Senders,
+        u: f32,
+    ) -> Option<Sender> {
         let (source, within) = senders.draw.draw(u);
         let element = &tree.elements[self.sources[source].element as usize];
-        let node = element.node;
-        let (surfel, side) = tree.sample(surfels, node, within);
-        let area = tree.nodes[node as usize].area / senders.draw.chance(source) as f32;
-        Sender { element: self.sources[source].element, surfel, side, area }
+        // Shadows may cut an element: its surfels are drawn by what they send.
+        let power = |s: u32| surfels.area(s) * radiance(s, element.side);
+        let total: f32 = element.surfels.clone().map(power).sum();
+        let mut left = within * total;
+        let mut drawn = None;
+        for surfel in element.surfels.clone() {
+            let power = power(surfel);
+            if power > 0.0 {
+                drawn = Some((surfel, power));
+            }
+            left -= power;
+            if left < 0.0 {
+                break;
+            }
+        }
+        let (surfel, power) = drawn?;
+        let area = surfels.area(surfel) * total / (power * senders.draw.chance(source) as f32);
+        Some(Sender { surfel, side: element.side, area })
     }
 }
 

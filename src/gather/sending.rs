@@ -36,11 +36,16 @@ impl Source<'_> {
             return Arrived::default();
         }
         // The error of stratified visibility falls as n^(−3/4).
-        let wanted = (0.5 * total / tolerance.max(f32::MIN_POSITIVE)).powf(4.0 / 3.0).min(MOST_SENT as f32);
+        let wanted = (0.5 * total / tolerance.max(f32::MIN_POSITIVE)).powf(4.0 / 3.0);
         let (mut sum, mut open, mut blocked) = (Rgb::ZERO, 0, 0);
+        let radiance = |s: u32, side: Side| match (side, hierarchy.element_of(s, side)) {
+            (Side::Back, Some(e)) => self.elements[e as usize],
+            _ => Rgb::from_array(self.front[s as usize].map(f16::to_f32)),
+        };
         let sequence = Sequence::new(0x5ec0);
-        let mut cast = |i: u32| {
-            let sender = secondary.draw(hierarchy, surfels, &senders, sequence.first(i).x);
+        let cast = |i: u32| {
+            let level = |s: u32, side: Side| radiance(s, side).element_sum() / 3.0;
+            let Some(sender) = secondary.draw(hierarchy, surfels, level, &senders, sequence.first(i).x) else { return };
             let from = footprint.point(texel, sequence.second(i));
             let normal = hierarchy.normal(surfels, sender.surfel, sender.side);
             let to = offset_origin(surfels.position(sender.surfel), normal);
@@ -58,16 +63,12 @@ impl Source<'_> {
                 return;
             }
             open += 1;
-            let radiance = match sender.side {
-                Side::Front => Rgb::from_array(self.front[sender.surfel as usize].map(f16::to_f32)),
-                Side::Back => self.elements[sender.element as usize],
-            };
-            sum += passed * radiance * (receives * sends * sender.area / (distance * distance));
+            sum += passed
+                * radiance(sender.surfel, sender.side)
+                * (receives * sends * sender.area / (distance * distance));
         };
-        let first = ((0.25 * wanted) as u32).max(FEWEST_SENT);
-        (0..first).for_each(&mut cast);
-        let rays = if wanted as u32 > first { wanted as u32 } else { first };
-        (first..rays).for_each(&mut cast);
+        let rays = (wanted as u32).clamp(FEWEST_SENT, MOST_SENT);
+        (0..rays).for_each(cast);
         let error = if open > 0 && blocked > 0 { 0.5 * total * (rays as f32).powf(-0.75) } else { 0.0 };
         Arrived { irradiance: sum / rays as f32, error, rays }
     }
