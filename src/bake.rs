@@ -1,23 +1,27 @@
 //! The order of the stages: scene file and settings → results on the disk.
 
 mod light;
-
-pub use light::{Counts, light};
+mod observer;
+mod preview;
 mod results;
+
+pub use light::light;
+pub use observer::{Counts, Draft, Found, FoundSoFar, Observer, Refinement, Solution};
+pub use preview::{Preview, preview};
 
 use crate::accel::Accel;
 use crate::atlas::{self, AtlasError};
 use crate::audit::{self, AuditSettings};
 use crate::config::Settings;
-use crate::import::{self, ImportError};
+use crate::import::{self, ImportError, Imported};
+use crate::output::OutputError;
 use crate::output::glb::GlbError;
 use crate::output::identity::scene_hash;
 pub use crate::output::report::Report;
-use crate::output::report::{SCHEMA, StageClock};
-use crate::output::{OutputError, process};
+use crate::output::report::StageClock;
 use crate::post;
 use crate::progress::{Cancelled, Progress, Stage};
-use results::Results;
+use results::{Findings, Results, Subject};
 use std::path::Path;
 use thiserror::Error;
 
@@ -74,29 +78,34 @@ impl BakeError {
 
 /// Bakes the scene in `path` and writes the results.
 pub fn bake(path: &Path, settings: &Settings, progress: &dyn Progress) -> Result<Report, BakeError> {
-    let mut clock = StageClock::start();
+    let clock = StageClock::start();
     let mut results = Results::open(path, settings)?;
 
-    let (mut imported, hash) = clock.measure(Stage::Import, || {
+    let (Imported { scene, document, mut warnings }, hash) = clock.measure(Stage::Import, || {
         let imported = import::load(path, &settings.import, progress)?;
         let hash = scene_hash(&imported.document);
         Ok::<_, ImportError>((imported, hash))
     })?;
-    imported.warnings.iter().for_each(|w| progress.warn(w));
-    let scene = &imported.scene;
+    warnings.iter().for_each(|w| progress.warn(w));
 
-    let (atlas, faults) = clock.measure(Stage::Atlas, || atlas::build(scene, &settings.atlas, progress))?;
+    let (atlas, faults) = clock.measure(Stage::Atlas, || atlas::build(&scene, &settings.atlas, progress))?;
     faults.iter().for_each(|w| progress.warn(w));
-    imported.warnings.extend(faults);
-    let texels = clock.measure(Stage::Texels, || atlas::rasterise(scene, &atlas, progress))?;
+    warnings.extend(faults);
+    let texels = clock.measure(Stage::Texels, || atlas::rasterise(&scene, &atlas, progress))?;
+    let accel = clock.measure(Stage::Accel, || Accel::build(&scene));
 
-    let accel = clock.measure(Stage::Accel, || Accel::build(scene));
-    let (mut lightmap, counts) = light(&accel, &atlas, &texels, settings.error, &mut clock, progress)?;
+    let subject =
+        Subject { path, hash: &hash, document: &document, scene: &scene, atlas: &atlas, texels: &texels, settings };
+    let (mut lightmap, state, counts) = if settings.preview {
+        let Preview { lightmap, state, counts, .. } = preview(&accel, &atlas, &texels, &clock, progress)?;
+        (lightmap, state, counts)
+    } else {
+        light(&accel, &atlas, &texels, settings.error, None, &mut (), &clock, progress)?
+    };
     let irradiance = clock.measure(Stage::Post, || {
         post::fill_unusable(&atlas, &texels, &mut lightmap.combined, &lightmap.usable);
-        post::finish(&atlas, &texels, scene, &lightmap.combined, &settings.post, progress)
+        post::finish(&atlas, &texels, &scene, &lightmap.combined, &settings.post, progress)
     })?;
-
     let audit = match settings.audit.most_rays(counts.rays.values().sum()) {
         Some(most_rays) => clock.measure(Stage::Audit, || {
             let baked = post::at_texels(&atlas, &texels, &irradiance);
@@ -106,25 +115,6 @@ pub fn bake(path: &Path, settings: &Settings, progress: &dyn Progress) -> Result
         })?,
         None => None,
     };
-
-    let pages = clock.measure(Stage::Output, || {
-        results.write_pages(&mut imported, &hash, (&atlas, &texels), &irradiance, settings, progress)
-    })?;
-    let mut report = Report {
-        schema: SCHEMA,
-        version: env!("CARGO_PKG_VERSION"),
-        scene: results::scene_facts(&imported, path, hash),
-        settings: settings.facts(),
-        stages: clock.stages().to_vec(),
-        total: clock.total(),
-        rays: counts.rays,
-        solver: counts.solver,
-        atlas: results::atlas_facts(&atlas, &texels, &pages),
-        audit,
-        memory_peak_bytes: process::peak_memory(),
-        warnings: imported.warnings,
-        outputs: Vec::new(),
-    };
-    results.finish(&mut report, &pages, progress)?;
-    Ok(report)
+    let findings = Findings { state, counts, audit, warnings };
+    results.publish(&subject, &irradiance, findings, &clock, progress)
 }

@@ -25,6 +25,8 @@ pub struct Settings {
     pub output: OutputSettings,
     /// Relative error to aim for, within [`ERROR_RANGE`].
     pub error: f32,
+    /// True: a rough lightmap within seconds; the error is what it comes to.
+    pub preview: bool,
     /// How much may be spent on finding out whether it was met.
     pub audit: Effort,
 }
@@ -37,6 +39,7 @@ impl Default for Settings {
             post: PostSettings::default(),
             output: OutputSettings::default(),
             error: 0.02,
+            preview: false,
             audit: Effort::default(),
         }
     }
@@ -49,6 +52,7 @@ impl Settings {
         let facts = [
             // Through text, so that 0.02 does not become 0.019999999552965164.
             ("error", json!(self.error.to_string().parse::<f64>().ok())),
+            ("preview", json!(self.preview)),
             ("audit", json!(self.audit)),
             ("uv", json!(format!("{:?}", atlas.uv).to_lowercase())),
             ("unwrapper", json!(format!("{:?}", atlas.unwrapper).to_lowercase())),

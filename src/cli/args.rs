@@ -38,9 +38,13 @@ pub(crate) struct BakeArguments {
     /// Error to aim for, as 2% or 0.02.
     #[arg(long, value_name = "ERROR", default_value = "2%", value_parser = parse_error)]
     error: f32,
+    /// Bake roughly, within seconds; the error is not aimed for.
+    #[arg(long)]
+    preview: bool,
     /// How much to spend on finding out whether the error was met.
-    #[arg(long, value_enum, default_value_t)]
-    audit: AuditChoice,
+    /// [default: auto; off for previews].
+    #[arg(long, value_enum)]
+    audit: Option<AuditChoice>,
     /// Lightmap density; 16 unless a resolution is given.
     #[arg(long, value_name = "X", value_parser = parse_positive)]
     texels_per_metre: Option<f32>,
@@ -110,10 +114,9 @@ pub(crate) struct SpeechArguments {
     pub(crate) verbose: bool,
 }
 
-#[derive(Clone, Copy, Debug, Default, ValueEnum)]
+#[derive(Clone, Copy, Debug, ValueEnum)]
 enum AuditChoice {
     /// About a tenth of the bake's time.
-    #[default]
     Auto,
     /// About as long as the bake.
     Thorough,
@@ -210,10 +213,12 @@ impl BakeArguments {
                 precision: if self.float { Precision::Float } else { Precision::Half },
             },
             error: self.error,
+            preview: self.preview,
             audit: match self.audit {
-                AuditChoice::Auto => Effort::Auto,
-                AuditChoice::Thorough => Effort::Thorough,
-                AuditChoice::Off => Effort::Off,
+                None if self.preview => Effort::Off,
+                None | Some(AuditChoice::Auto) => Effort::Auto,
+                Some(AuditChoice::Thorough) => Effort::Thorough,
+                Some(AuditChoice::Off) => Effort::Off,
             },
             ..defaults
         }

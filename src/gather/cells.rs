@@ -14,6 +14,7 @@ use crate::progress::{Cancelled, Counter, Progress, Stage};
 use crate::scene::Rgb;
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
+use std::collections::HashMap;
 
 /// Texels along a side of the largest cells.
 const SPACING: u32 = 16;
@@ -25,6 +26,10 @@ const BEND: f32 = 0.08;
 const TRUST: f32 = 0.3;
 /// Texels along a side from which on a cell is also looked at in its middle.
 const CHECKED: u32 = 4;
+/// Mean over a cell of the square of an error that is one in its middle and falls to none at its corners.
+const SAG: f32 = 0.28;
+/// Probes between two looks at the gather.
+const BATCH: usize = 4096;
 /// Cosine of the largest angle between a texel's normal and the one interpolated for it.
 const COS_NORMAL: f32 = 0.99;
 
@@ -68,7 +73,10 @@ struct State<'a> {
     settings: &'a CellSettings,
     /// Probe of each texel, `NO_PROBE` if it has none.
     probe_of: Vec<u32>,
-    probes: Vec<Probe>,
+    /// Texels and their probes, in the order in which they were wanted.
+    probes: Vec<(u32, Probe)>,
+    /// Probes that were gathered before, by texel. They count once they are wanted.
+    kept: HashMap<u32, Probe>,
 }
 
 /// What the corners of a cell say of it.
@@ -88,40 +96,72 @@ const NO_PROBE: u32 = u32::MAX;
 pub struct Indirect {
     /// Per texel.
     pub irradiance: Vec<Rgb>,
-    /// Probes gathered.
-    pub probes: usize,
+    /// Sum of the squared errors to be expected over all texels of the cells, mean of channels, (W/m²)².
+    pub squared_error: f64,
+    /// Texels with their probes.
+    pub probes: Vec<(u32, Probe)>,
     /// Rays cast.
     pub rays: u64,
 }
 
-/// Gathers at the corners of adaptive cells and interpolates between them.
+/// What a gather starts from.
+#[derive(Default)]
+pub struct Start {
+    /// Irradiance of the texels that are left as they are, W/m².
+    pub irradiance: Vec<Rgb>,
+    /// Per texel: whether its cell is to be gathered; all are where it is empty.
+    pub wanted: Vec<bool>,
+    /// Probes of an earlier gather that came to no end.
+    pub probes: Vec<(u32, Probe)>,
+}
+
+/// A gather on its way.
+pub struct Gathering<'a> {
+    state: &'a State<'a>,
+    /// Cells that are not finished.
+    cells: &'a [Cell],
+    irradiance: &'a [Rgb],
+    squared_error: f64,
+}
+
+/// Gathers at the corners of adaptive cells and interpolates between them. `watch` is called now and then.
 pub fn indirect(
     source: &Source,
     atlas: &Atlas,
     texels: &Texels,
     footprint: &Footprint,
     settings: &CellSettings,
+    start: Start,
+    watch: &mut dyn FnMut(&Gathering),
     progress: &dyn Progress,
 ) -> Result<Indirect, Cancelled> {
     let (probe_of, probes) = (vec![NO_PROBE; texels.len()], Vec::new());
-    let mut state = State { source, atlas, texels, footprint, settings, probe_of, probes };
-    let mut irradiance = vec![Rgb::ZERO; texels.len()];
+    let Start { mut irradiance, wanted, probes: kept } = start;
+    irradiance.resize(texels.len(), Rgb::ZERO);
+    let kept = kept.into_iter().collect();
+    let mut state = State { source, atlas, texels, footprint, settings, probe_of, probes, kept };
     let counter = Counter::new(progress, Stage::Gather, texels.len());
     let mut cells: Vec<Cell> = (0..atlas.charts.len()).flat_map(|c| state.lattice(c)).collect();
+    if !wanted.is_empty() {
+        cells.retain(|cell| state.owned(cell).iter().any(|&(t, _)| wanted[t as usize]));
+    }
+    let mut squared_error = 0.0;
     while !cells.is_empty() {
         let corners: Vec<[u32; 4]> = cells.par_iter().map(|c| state.corners(c)).collect();
-        state.gather(corners.iter().flatten().copied(), progress)?;
+        let mut look =
+            |state: &State| watch(&Gathering { state, cells: &cells, irradiance: &irradiance, squared_error });
+        state.gather(corners.iter().flatten().copied(), &mut look, progress)?;
         let verdicts: Vec<Verdict> =
             cells.par_iter().zip(&corners).map(|(c, &corners)| state.judge(c, corners)).collect();
         let middles = verdicts.iter().filter_map(|verdict| if let Verdict::Ask(t) = verdict { Some(*t) } else { None });
-        state.gather(middles, progress)?;
+        state.gather(middles, &mut look, progress)?;
         let outcomes: Vec<Outcome> = cells
             .par_iter()
             .zip(&corners)
             .zip(&verdicts)
             .map(|((cell, &corners), &verdict)| {
                 let outcome = state.settle(cell, corners, verdict);
-                if let Outcome::Done(values) = &outcome {
+                if let Outcome::Done { values, .. } = &outcome {
                     counter.advance(values.len())?;
                 }
                 Ok(outcome)
@@ -131,7 +171,8 @@ pub fn indirect(
         for outcome in outcomes {
             match outcome {
                 Outcome::Split(children) => cells.extend(children),
-                Outcome::Done(values) => {
+                Outcome::Done { values, squared_error: square } => {
+                    squared_error += square;
                     for (texel, value) in values {
                         irradiance[texel as usize] = value;
                     }
@@ -139,13 +180,58 @@ pub fn indirect(
             }
         }
     }
-    let rays = state.probes.iter().map(|p| p.rays as u64).sum();
-    Ok(Indirect { irradiance, probes: state.probes.len(), rays })
+    let rays = state.probes.iter().map(|(_, p)| p.rays as u64).sum();
+    Ok(Indirect { irradiance, squared_error, probes: state.probes, rays })
+}
+
+impl Gathering<'_> {
+    /// Texels with their probes so far.
+    pub fn probes(&self) -> &[(u32, Probe)] {
+        &self.state.probes
+    }
+
+    /// Irradiance of every texel as far as it is known, W/m², with the sum of the squared errors to be expected: finished
+    /// cells as they are; others by their corners or by those of the cell that they were cut from; where there are none,
+    /// `rest` with the error `off`.
+    pub fn draft(&self, rest: &[Rgb], off: f32) -> (Vec<Rgb>, f64) {
+        let state = self.state;
+        let guess = |cell: &Cell| -> (Vec<(u32, Rgb)>, f64) {
+            let owned = state.owned(cell);
+            let corners = state.corners(cell);
+            let is_known = |c: &u32| *c != NO_TEXEL && state.probe_of[*c as usize] != NO_PROBE;
+            let (rect, parent) = match (&cell.parent, corners.iter().all(is_known)) {
+                (parent, true) => (Some(Rect { x: cell.x, y: cell.y, corners }), parent.as_ref()),
+                (parent, false) => (parent.clone(), None),
+            };
+            let Some(rect) = rect else {
+                let square = f64::from(off).powi(2) * owned.len() as f64;
+                return (owned.iter().map(|&(t, _)| (t, rest[t as usize])).collect(), square);
+            };
+            let blend = Blend::new(state, &rect);
+            let value = |&(t, p): &(u32, Vec2)| (t, state.told(rect.corners, &blend, p).max(Rgb::ZERO));
+            let square = f64::from(state.expected_error(parent, rect.corners)).powi(2) * owned.len() as f64;
+            (owned.iter().map(value).collect(), square)
+        };
+        let guesses: Vec<_> = self.cells.par_iter().map(guess).collect();
+        let mut irradiance = self.irradiance.to_vec();
+        let mut squared_error = self.squared_error;
+        for (values, square) in guesses {
+            squared_error += square;
+            for (texel, value) in values {
+                irradiance[texel as usize] = value;
+            }
+        }
+        (irradiance, squared_error)
+    }
 }
 
 enum Outcome {
     Split(Vec<Cell>),
-    Done(Vec<(u32, Rgb)>),
+    /// Texels with their irradiance, and the sum of their squared errors as far as these are known.
+    Done {
+        values: Vec<(u32, Rgb)>,
+        squared_error: f64,
+    },
 }
 
 impl State<'_> {
@@ -206,28 +292,38 @@ impl State<'_> {
         })
     }
 
-    /// Gathers those of the probes `wanted` that are still lacking.
-    fn gather(&mut self, wanted: impl Iterator<Item = u32>, progress: &dyn Progress) -> Result<(), Cancelled> {
+    /// Gathers those of the probes `wanted` that are still lacking. `look` is called after every [`BATCH`].
+    fn gather(
+        &mut self,
+        wanted: impl Iterator<Item = u32>,
+        look: &mut dyn FnMut(&State),
+        progress: &dyn Progress,
+    ) -> Result<(), Cancelled> {
         let mut wanted: Vec<u32> = wanted.filter(|&t| t != NO_TEXEL && self.probe_of[t as usize] == NO_PROBE).collect();
         wanted.sort_unstable();
         wanted.dedup();
         let Self { source, footprint, settings, .. } = *self;
-        let new: Vec<Probe> = wanted
-            .par_iter()
-            .map(|&t| {
-                let probe = Probe::gather(source, footprint, t, &settings.probe);
-                if progress.is_cancelled() { Err(Cancelled) } else { Ok(probe) }
-            })
-            .collect::<Result<_, Cancelled>>()?;
-        for (&t, probe) in wanted.iter().zip(new) {
-            self.probe_of[t as usize] = self.probes.len() as u32;
-            self.probes.push(probe);
+        for wanted in wanted.chunks(BATCH) {
+            let kept = &self.kept;
+            let new: Vec<Probe> = wanted
+                .par_iter()
+                .map(|&t| {
+                    let gathered = || Probe::gather(source, footprint, t, &settings.probe);
+                    let probe = kept.get(&t).copied().unwrap_or_else(gathered);
+                    if progress.is_cancelled() { Err(Cancelled) } else { Ok(probe) }
+                })
+                .collect::<Result<_, Cancelled>>()?;
+            for (&t, probe) in wanted.iter().zip(new) {
+                self.probe_of[t as usize] = self.probes.len() as u32;
+                self.probes.push((t, probe));
+            }
+            look(self);
         }
         Ok(())
     }
 
     fn probe(&self, texel: u32) -> &Probe {
-        &self.probes[self.probe_of[texel as usize] as usize]
+        &self.probes[self.probe_of[texel as usize] as usize].1
     }
 
     /// What the corners say of a cell whose corners have probes. A large cell that is fine by them is also asked in its
@@ -252,7 +348,8 @@ impl State<'_> {
     fn settle(&self, cell: &Cell, corners: [u32; 4], verdict: Verdict) -> Outcome {
         if corners[0] == NO_TEXEL {
             // Nothing in reach can be lit.
-            return Outcome::Done(self.owned(cell).into_iter().map(|(t, _)| (t, Rgb::ZERO)).collect());
+            let values = self.owned(cell).into_iter().map(|(t, _)| (t, Rgb::ZERO)).collect();
+            return Outcome::Done { values, squared_error: 0.0 };
         }
         let blend = Blend::new(self, &Rect { x: cell.x, y: cell.y, corners });
         let asked = match verdict {
@@ -267,11 +364,19 @@ impl State<'_> {
             // One probe more in the middle of a smooth cell would show as a dot.
             let e = match self.probe_of[t as usize] {
                 own if own == NO_PROBE || asked == Some(t) => self.told(corners, &blend, p).max(Rgb::ZERO),
-                own => self.probes[own as usize].irradiance,
+                own => self.probes[own as usize].1.irradiance,
             };
             (t, e)
         };
-        Outcome::Done(self.owned(cell).into_iter().map(value).collect())
+        let values: Vec<_> = self.owned(cell).into_iter().map(value).collect();
+        let noise = corners.iter().map(|&c| self.probe(c).error.powi(2)).sum::<f32>() / 4.0;
+        let bend = match asked {
+            Some(middle) => SAG * self.miss(corners, &blend, middle).powi(2),
+            None if values.len() > 1 => self.expected_error(cell.parent.as_ref(), corners).powi(2),
+            None => 0.0,
+        };
+        let squared_error = f64::from(noise + bend) * values.len() as f64;
+        Outcome::Done { values, squared_error }
     }
 
     /// Irradiance at a page position as the corners have it, W/m².
@@ -306,32 +411,44 @@ impl State<'_> {
         out
     }
 
-    /// True if interpolation between the corners is expected to stay within the tolerance.
-    fn is_fine(&self, cell: &Cell, corners: [u32; 4], owned: &[(u32, Vec2)]) -> bool {
-        let (source, settings) = (self.source, self.settings);
-        let t = self.texels;
+    /// Largest distance between corners on a diagonal, shortened to how far the middle is, and harmonic mean distance to
+    /// what they see, metres.
+    fn size_and_reach(&self, corners: [u32; 4]) -> (f32, f32) {
+        let position = |k: usize| self.texels.position[corners[k] as usize];
+        let size = position(0).distance(position(3)).max(position(1).distance(position(2))) * 0.7;
+        (size, corners.map(|c| self.probe(c).distance).into_iter().fold(f32::INFINITY, f32::min))
+    }
+
+    /// By how much interpolation between the corners is expected to miss, W/m², mean of channels.
+    fn expected_error(&self, parent: Option<&Rect>, corners: [u32; 4]) -> f32 {
         let probes = corners.map(|c| self.probe(c));
         let values = probes.map(|p| p.irradiance.element_sum() / 3.0);
         let mean = values.iter().sum::<f32>() / 4.0;
-        let direct = corners.map(|c| source.direct(c)).into_iter().fold(f32::INFINITY, f32::min);
-        let tolerance = settings.tolerance * (mean + direct + settings.floor);
         let noise = probes.iter().map(|p| p.error).fold(0.0, f32::max);
         let low = values.iter().copied().fold(f32::INFINITY, f32::min);
         let high = values.iter().copied().fold(0.0, f32::max);
-        let position = |k: usize| t.position[corners[k] as usize];
-        let size = position(0).distance(position(3)).max(position(1).distance(position(2))) * 0.7;
-        let reach = probes.iter().map(|p| p.distance).fold(f32::INFINITY, f32::min);
+        let (size, reach) = self.size_and_reach(corners);
         let ratio = size / reach.max(1e-12);
         let mut expected = CURVATURE * ratio * ratio * mean + BEND * (high - low - 2.0 * noise).max(0.0);
-        if let Some(parent) = &cell.parent {
+        if let Some(parent) = parent {
             let blend = Blend::new(self, parent);
             let miss = corners.map(|c| self.miss(parent.corners, &blend, c)).into_iter().fold(0.0, f32::max);
             // Halving a cell quarters its curvature; what was foretold well needs no further cut.
             expected = expected.min((0.5 * miss).max(TRUST * expected));
         }
-        if expected > tolerance {
+        expected
+    }
+
+    /// True if interpolation between the corners is expected to stay within the tolerance.
+    fn is_fine(&self, cell: &Cell, corners: [u32; 4], owned: &[(u32, Vec2)]) -> bool {
+        let (source, settings) = (self.source, self.settings);
+        let t = self.texels;
+        let mean = corners.iter().map(|&c| self.probe(c).irradiance.element_sum() / 3.0).sum::<f32>() / 4.0;
+        let direct = corners.map(|c| source.direct(c)).into_iter().fold(f32::INFINITY, f32::min);
+        if self.expected_error(cell.parent.as_ref(), corners) > settings.tolerance * (mean + direct + settings.floor) {
             return false;
         }
+        let (size, reach) = self.size_and_reach(corners);
         // What something stands on shares no light with what lies around.
         let covered = self.footprint.covered();
         let first = covered[corners[0] as usize];

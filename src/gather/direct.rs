@@ -12,6 +12,7 @@ use crate::math::{Sequence, hash2, hash3};
 use crate::progress::{Cancelled, Counter, Progress, Stage};
 use crate::scene::Rgb;
 use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
 use std::sync::atomic::{AtomicU64, Ordering};
 
 /// Texels per parallel task.
@@ -52,6 +53,11 @@ impl DirectSettings {
         Self { base: 4, most: 1024, error }
     }
 
+    /// Few rays, for a first look.
+    pub fn rough(error: f32) -> Self {
+        Self { base: 1, most: 8, error }
+    }
+
     /// Rays of every texel to the sky behind portals, which unblocked would bring `free` where about `around` W/m² arrive.
     /// Most of it may be hidden, and what is left must not be missed where it matters.
     fn sky(&self, free: f32, around: f32) -> u32 {
@@ -74,9 +80,12 @@ fn around(so_far: Rgb, mean: f32) -> f32 {
 }
 
 /// Light straight from lamps at every texel.
+#[derive(Serialize, Deserialize)]
 pub struct Direct {
     /// W/m².
     pub irradiance: Vec<Rgb>,
+    /// Root of the mean squared noise to be expected in penumbrae, W/m², mean of channels.
+    pub noise: f32,
     /// Rays cast.
     pub rays: u64,
 }
@@ -95,6 +104,7 @@ pub fn texel_direct(
     let rays = AtomicU64::new(0);
     let mean = sample_mean(lamps, footprint, texels.len());
     let mut first = vec![Visibility::default(); texels.len()];
+    let mut noise = vec![0.0f64; texels.len().div_ceil(CHUNK)];
     for lamp in 0..lamps.len() {
         first.par_chunks_mut(CHUNK).enumerate().try_for_each(|(chunk, sums)| {
             let mut cast = 0;
@@ -114,7 +124,7 @@ pub fn texel_direct(
             rays.fetch_add(cast, Ordering::Relaxed);
             counter.advance(sums.len())
         })?;
-        irradiance.par_chunks_mut(CHUNK).enumerate().try_for_each(|(chunk, out)| {
+        irradiance.par_chunks_mut(CHUNK).zip(&mut noise).enumerate().try_for_each(|(chunk, (out, noise))| {
             let mut cast = 0;
             for (i, e) in out.iter_mut().enumerate() {
                 let texel = (chunk * CHUNK + i) as u32;
@@ -135,12 +145,14 @@ pub fn texel_direct(
                     }
                 }
                 *e += free * sum.share();
+                *noise += f64::from(free.element_sum() / 3.0).powi(2) * f64::from(sum.variance());
             }
             rays.fetch_add(cast, Ordering::Relaxed);
             counter.advance(out.len())
         })?;
     }
-    Ok(Direct { irradiance, rays: rays.into_inner() })
+    let noise = (noise.iter().sum::<f64>() / texels.len().max(1) as f64).sqrt() as f32;
+    Ok(Direct { irradiance, noise, rays: rays.into_inner() })
 }
 
 /// Mean irradiance from all lamps, W/m², mean of channels, from every so many-th texel.

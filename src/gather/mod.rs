@@ -13,11 +13,12 @@ mod openings;
 mod portal;
 mod probe;
 mod region;
+mod smooth;
 mod source;
 mod visibility;
 
 pub use bounce::{Bounce, bounce};
-pub use cells::{CellSettings, indirect};
+pub use cells::{CellSettings, Gathering, Start as GatherStart, indirect};
 pub use direct::{Direct, DirectSettings, element_direct, texel_direct};
 pub use emitters::{Emission, classify};
 pub use footprint::Footprint;
@@ -25,6 +26,7 @@ pub use guide::Guide;
 pub use lamp::Lamp;
 pub use openings::Portals;
 pub use probe::{Probe, ProbeSettings};
+pub use smooth::{Smooth, smooth};
 pub use source::{LitScene, Source, shut_texels};
 pub use visibility::Lamps;
 

@@ -53,6 +53,12 @@ impl Visibility {
         }
     }
 
+    /// Variance of the unblocked share, mean of channels: that of stratified samples across an edge falls as n^(−3/2).
+    pub(super) fn variance(&self) -> f32 {
+        let share = self.share().element_sum() / 3.0;
+        (share * (1.0 - share)).max(0.0) / (self.tried.max(1) as f32).powf(1.5)
+    }
+
     /// Unblocked share per channel.
     pub(super) fn share(&self) -> Rgb {
         Rgb::from_array(std::array::from_fn(|c| if self.all[c] > 0.0 { self.open[c] / self.all[c] } else { 0.0 }))

@@ -1,7 +1,8 @@
 //! A set of result files that appears whole or not at all.
 //!
 //! Every file is written beside its final name under a temporary one. [`OutputSet::commit`] renames them once all are
-//! complete and on the disk. A set that is dropped before, and [`abandon`] when the process is told to stop, remove
+//! complete and on the disk; the set may then be written again, and the next commit replaces what the last one left.
+//! A set that is dropped before, and [`abandon`] when the process is told to stop, remove
 //! the temporary files and the folders that were made for them.
 
 use std::fs::{self, File};
@@ -165,7 +166,7 @@ impl OutputSet {
 
     /// Gives all files their names and returns their paths, in the order in which they were written. Pages of an
     /// earlier bake that this one does not replace are removed: they would pass for its own.
-    pub fn commit(mut self) -> Result<Vec<PathBuf>, OutputError> {
+    pub fn commit(&mut self) -> Result<Vec<PathBuf>, OutputError> {
         // Held throughout, so that a signal finds either none or all of the results.
         let mut list = unfinished();
         for w in &self.written {
@@ -184,6 +185,8 @@ impl OutputSet {
         self.created.clear();
         let outputs: Vec<PathBuf> = written.into_iter().map(|w| w.target).collect();
         self.pages_on_disk().iter().filter(|p| !outputs.contains(p)).for_each(|p| remove(p));
+        // From now on these names are its own.
+        self.force = true;
         Ok(outputs)
     }
 
