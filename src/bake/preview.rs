@@ -12,16 +12,16 @@ use crate::output::{Milestone, State};
 use crate::progress::{Cancelled, Progress, Stage};
 use crate::scene::Rgb;
 
-/// Error that shadow rays are aimed at.
-const ERROR: f32 = 0.15;
 /// Texels along a side of an element.
 const ELEMENT_SIDE: u32 = 8;
 /// Rays per element that look for backs of double-sided surfaces.
 const BACK_RAYS: u32 = 4;
 /// Shadow rays per lamp of an element that has no texels of its own.
-const ELEMENT_RAYS: u32 = 4;
+const ELEMENT_RAYS: u32 = 2;
+/// Rays per element to the sky through openings.
+const SKY_RAYS: u32 = 8;
 /// Rays per element of the first bounce.
-const BOUNCE_RAYS: usize = 48;
+const BOUNCE_RAYS: usize = 24;
 
 /// A first lightmap.
 pub struct Preview {
@@ -47,11 +47,10 @@ pub fn preview(
     let scene = accel.scene();
     let footprint = clock.measure(Stage::Texels, || Footprint::rough(accel, atlas, texels, progress))?;
     let (emission, lamps) = lamps(scene);
-    let (lamps, direct) = clock.measure(Stage::Direct, || {
+    let (lamps, mut direct) = clock.measure(Stage::Direct, || {
         let portals = Portals::find(accel, &footprint, texels.len() as u32, progress)?;
         let lamps = Lamps::new(lamps, portals, &accel);
-        let settings = DirectSettings::rough(ERROR);
-        let direct = gather::texel_direct(&lamps, atlas, texels, &footprint, &settings, progress)?;
+        let direct = gather::texel_direct(&lamps, atlas, texels, &footprint, &DirectSettings::rough(), progress)?;
         Ok((lamps, direct))
     })?;
     counts.rays.insert("shadow".into(), direct.rays);
@@ -59,6 +58,10 @@ pub fn preview(
     let rest = clock.measure(Stage::Solve, || {
         let surfels = Surfels::new(scene, atlas, texels, footprint.covered(), footprint.parted(), footprint.crossed());
         let (tree, _) = hierarchy(accel, atlas, &surfels, (ELEMENT_SIDE, BACK_RAYS), None, progress)?;
+        let sky = gather::element_sky(&lamps, &surfels, &tree.elements, SKY_RAYS);
+        let sky = gather::smooth(atlas, texels, &tree, &sky, ELEMENT_SIDE, progress)?;
+        direct.irradiance.iter_mut().zip(&sky.irradiance).for_each(|(e, &sky)| *e += sky);
+        direct.noise = direct.noise.hypot(sky.change);
         let elements = elements(scene, atlas, &surfels, &tree, &emission, &lamps, &direct.irradiance, ELEMENT_RAYS);
         let shut = gather::shut_texels(&surfels, &tree);
         let lit = LitScene {

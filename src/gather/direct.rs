@@ -33,6 +33,8 @@ const SLIVER: f32 = 8.0;
 const MOST_BLIND: u32 = 128;
 /// Times the rays that a texel casts if its neighbourhood disagrees.
 const CLOSER: u32 = 4;
+/// Points of an element that see the sky for all of it.
+const SKY_POINTS: usize = 2;
 /// Points of a texel that is near a lamp.
 const NEAR_SAMPLES: u32 = 32;
 
@@ -45,17 +47,19 @@ pub struct DirectSettings {
     pub most: u32,
     /// Relative error of the lightmap to aim for.
     pub error: f32,
+    /// Whether the sky through openings is sent, too.
+    pub sky: bool,
 }
 
 impl DirectSettings {
     /// Settings whose noise stays below a relative error of the whole lightmap.
     pub fn for_error(error: f32) -> Self {
-        Self { base: 4, most: 1024, error }
+        Self { base: 4, most: 1024, error, sky: true }
     }
 
-    /// Few rays, for a first look.
-    pub fn rough(error: f32) -> Self {
-        Self { base: 1, most: 8, error }
+    /// Few rays for a first look at lamps, and none for the sky.
+    pub fn rough() -> Self {
+        Self { base: 1, most: 8, error: 0.15, sky: false }
     }
 
     /// Rays of every texel to the sky behind portals, which unblocked would bring `free` where about `around` W/m² arrive.
@@ -75,7 +79,7 @@ impl DirectSettings {
 
 /// Irradiance that the light of one lamp is measured by at a texel, W/m², where `so_far` arrives there and `mean` in the
 /// whole scene: what is dim beside the scene must be clean beside what lights it.
-fn around(so_far: Rgb, mean: f32) -> f32 {
+fn yardstick(so_far: Rgb, mean: f32) -> f32 {
     (BESIDE * so_far.max_element()).clamp(DIM * mean, mean)
 }
 
@@ -100,12 +104,13 @@ pub fn texel_direct(
     progress: &dyn Progress,
 ) -> Result<Direct, Cancelled> {
     let mut irradiance = vec![Rgb::ZERO; texels.len()];
-    let counter = Counter::new(progress, Stage::Direct, texels.len() * lamps.len() * 2);
+    let count = lamps.len() - if settings.sky { 0 } else { lamps.skies() };
+    let counter = Counter::new(progress, Stage::Direct, texels.len() * count * 2);
     let rays = AtomicU64::new(0);
     let mean = sample_mean(lamps, footprint, texels.len());
     let mut first = vec![Visibility::default(); texels.len()];
     let mut noise = vec![0.0f64; texels.len().div_ceil(CHUNK)];
-    for lamp in 0..lamps.len() {
+    for lamp in 0..count {
         first.par_chunks_mut(CHUNK).enumerate().try_for_each(|(chunk, sums)| {
             let mut cast = 0;
             for (i, sum) in sums.iter_mut().enumerate() {
@@ -115,7 +120,7 @@ pub fn texel_direct(
                 let point = |u| footprint.point(texel, u);
                 let base = if lamps.is_sky(lamp) {
                     let free = unoccluded(sender, texels, footprint, texel);
-                    settings.sky(free.max_element(), around(irradiance[texel as usize], mean))
+                    settings.sky(free.max_element(), yardstick(irradiance[texel as usize], mean))
                 } else {
                     settings.base
                 };
@@ -140,7 +145,7 @@ pub fn texel_direct(
                     let edge = CLOSER * sum.tried;
                     cast += lamps.test(sender, seed, edge, point, &mut sum);
                     if sum.seen() == Seen::Part {
-                        let most = settings.penumbra(free.max_element(), around(*e + free * sum.share(), mean));
+                        let most = settings.penumbra(free.max_element(), yardstick(*e + free * sum.share(), mean));
                         cast += lamps.test(sender, seed, most, point, &mut sum);
                     }
                 }
@@ -182,25 +187,21 @@ fn unoccluded(lamp: &Lamp, texels: &Texels, footprint: &Footprint, texel: u32) -
 /// True if a neighbour on the same chart sees the lamp differently. Looking no farther than next door would leave many
 /// texels that see almost all of a lamp with the few rays that happened to miss what blocks it.
 fn disagrees(atlas: &Atlas, texels: &Texels, first: &[Visibility], texel: u32) -> bool {
+    let own = first[texel as usize].seen();
+    around(atlas, texels, texel).any(|n| first[n as usize].seen() != own)
+}
+
+/// The texels within [`AROUND`] on the same chart, with the texel itself.
+fn around(atlas: &Atlas, texels: &Texels, texel: u32) -> impl Iterator<Item = u32> {
     let t = texel as usize;
-    let own = first[t].seen();
     let chart = texels.chart[t] as usize;
     let range = &texels.charts[chart];
     let page = &texels.pages[atlas.charts[chart].page];
     let [x, y] = texels.pixel[t].map(i64::from);
-    for dy in -AROUND..=AROUND {
-        for dx in -AROUND..=AROUND {
-            let (nx, ny) = (x + dx, y + dy);
-            if nx < 0 || ny < 0 || nx >= page.width as i64 || ny >= page.height as i64 {
-                continue;
-            }
-            let n = page.texel[(ny * page.width as i64 + nx) as usize];
-            if n != NO_TEXEL && range.contains(&n) && first[n as usize].seen() != own {
-                return true;
-            }
-        }
-    }
-    false
+    let span = |at: i64, size: u32| (at - AROUND).max(0)..=(at + AROUND).min(i64::from(size) - 1);
+    let rows = span(y, page.height);
+    let places = rows.flat_map(move |y| span(x, page.width).map(move |x| (y * i64::from(page.width) + x) as usize));
+    places.map(|place| page.texel[place]).filter(|&n| n != NO_TEXEL && range.contains(&n))
 }
 
 /// Irradiance of elements straight from the lamps, W/m²: the texels' mean for fronts of charts, sampled with `rays`
@@ -222,15 +223,27 @@ pub fn element_direct(
                 let total: f32 = element.surfels.clone().map(area).sum();
                 return element.surfels.clone().map(|s| texel_direct[s as usize] * area(s)).sum::<Rgb>() / total;
             }
-            let points: Vec<SurfacePoint> = element
-                .surfels
-                .clone()
-                .map(|s| {
-                    let normal = if element.side == Side::Front { surfels.normal(s) } else { -surfels.normal(s) };
-                    SurfacePoint { position: surfels.position(s), geometric_normal: normal, shading_normal: normal }
-                })
-                .collect();
-            lamps.mean(&points, hash3(index as u32, 0xe1e, 0), rays)
+            lamps.mean(&element_points(surfels, element, rays as usize), hash3(index as u32, 0xe1e, 0), rays)
         })
         .collect()
+}
+
+/// Irradiance of elements from the sky through openings, W/m², by `rays` rays each.
+pub fn element_sky(lamps: &Lamps, surfels: &Surfels, elements: &[Element], rays: u32) -> Vec<Rgb> {
+    let Some(sky) = (0..lamps.len()).find(|&lamp| lamps.is_sky(lamp)) else { return vec![Rgb::ZERO; elements.len()] };
+    let of_element = |(index, element)| {
+        // What an opening sends unblocked is costly to know at a point, and varies little over an element.
+        let points = element_points(surfels, element, SKY_POINTS);
+        lamps.mean_of(sky, &points, hash3(index as u32, 0x5c1, 0), rays)
+    };
+    elements.par_iter().enumerate().map(of_element).collect()
+}
+
+/// The middles of an element's surfels, or of `most` of them.
+fn element_points(surfels: &Surfels, element: &Element, most: usize) -> Vec<SurfacePoint> {
+    let point = |s: u32| {
+        let normal = if element.side == Side::Front { surfels.normal(s) } else { -surfels.normal(s) };
+        SurfacePoint { position: surfels.position(s), geometric_normal: normal, shading_normal: normal }
+    };
+    element.surfels.clone().step_by(element.surfels.len().div_ceil(most)).map(point).collect()
 }

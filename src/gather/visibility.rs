@@ -91,7 +91,12 @@ impl<'a> Lamps<'a> {
 
     /// Lamps that may light one receiver, numbered from zero: the sky seen through portals comes last.
     pub(super) fn len(&self) -> usize {
-        self.lamps.len() + usize::from(!self.portals.is_empty())
+        self.lamps.len() + self.skies()
+    }
+
+    /// Those among them that stand for the sky: one, or none where no portal is.
+    pub(super) fn skies(&self) -> usize {
+        usize::from(!self.portals.is_empty())
     }
 
     /// True if number `lamp` is the sky, which is seen unlike in every neighbourhood.
@@ -161,7 +166,7 @@ impl<'a> Lamps<'a> {
     }
 
     /// The part of one lamp in [`Lamps::mean`].
-    fn mean_of(&self, lamp: usize, points: &[SurfacePoint], seed: u32, rays: u32) -> Rgb {
+    pub(super) fn mean_of(&self, lamp: usize, points: &[SurfacePoint], seed: u32, rays: u32) -> Rgb {
         let at = |p: &SurfacePoint| {
             self.get(lamp, p).map_or(Rgb::ZERO, |lamp| lamp.unoccluded(p.position, p.shading_normal))
         };
