@@ -1,5 +1,6 @@
 //! The order of the stages: scene file and settings → results on the disk.
 
+mod keeper;
 mod light;
 mod observer;
 mod preview;
@@ -15,12 +16,15 @@ use crate::audit::{self, AuditSettings};
 use crate::config::Settings;
 use crate::import::{self, ImportError, Imported};
 use crate::output::OutputError;
+use crate::output::checkpoint::{self, CheckpointError, Key};
 use crate::output::glb::GlbError;
 use crate::output::identity::scene_hash;
 pub use crate::output::report::Report;
 use crate::output::report::StageClock;
 use crate::post;
 use crate::progress::{Cancelled, Progress, Stage};
+use crate::warning::Warning;
+use keeper::{Keeper, Pace};
 use results::{Findings, Results, Subject};
 use std::path::Path;
 use thiserror::Error;
@@ -37,6 +41,9 @@ pub enum BakeError {
     /// There is no layout for it.
     #[error(transparent)]
     Atlas(AtlasError),
+    /// A checkpoint cannot be used.
+    #[error(transparent)]
+    Checkpoint(#[from] CheckpointError),
     /// Results cannot be written.
     #[error(transparent)]
     Output(#[from] OutputError),
@@ -70,6 +77,7 @@ impl BakeError {
             Self::Cancelled(_) => "interrupted",
             Self::Import(_) => "import",
             Self::Atlas(_) => "atlas",
+            Self::Checkpoint(_) => "checkpoint",
             Self::Output(e) => e.code(),
             Self::Glb(_) => "lit_scene",
         }
@@ -79,6 +87,7 @@ impl BakeError {
 /// Bakes the scene in `path` and writes the results.
 pub fn bake(path: &Path, settings: &Settings, progress: &dyn Progress) -> Result<Report, BakeError> {
     let clock = StageClock::start();
+    let folder = &settings.output.folder;
     let mut results = Results::open(path, settings)?;
 
     let (Imported { scene, document, mut warnings }, hash) = clock.measure(Stage::Import, || {
@@ -86,7 +95,13 @@ pub fn bake(path: &Path, settings: &Settings, progress: &dyn Progress) -> Result
         let hash = scene_hash(&imported.document);
         Ok::<_, ImportError>((imported, hash))
     })?;
+    if !settings.resume && checkpoint::exists(folder) {
+        let message = "an interrupted bake has left it, and it is not used: --resume goes on from it";
+        warnings.push(Warning::new("checkpoint_unused", "checkpoint.lk", message));
+    }
     warnings.iter().for_each(|w| progress.warn(w));
+    let key = Key::new(&hash, settings.of_light());
+    let before: Option<(u32, Found)> = if settings.resume { checkpoint::read(folder, &key)? } else { None };
 
     let (atlas, faults) = clock.measure(Stage::Atlas, || atlas::build(&scene, &settings.atlas, progress))?;
     faults.iter().for_each(|w| progress.warn(w));
@@ -94,13 +109,35 @@ pub fn bake(path: &Path, settings: &Settings, progress: &dyn Progress) -> Result
     let texels = clock.measure(Stage::Texels, || atlas::rasterise(&scene, &atlas, progress))?;
     let accel = clock.measure(Stage::Accel, || Accel::build(&scene));
 
-    let subject =
-        Subject { path, hash: &hash, document: &document, scene: &scene, atlas: &atlas, texels: &texels, settings };
+    let subject = Subject {
+        path,
+        hash: &hash,
+        document: &document,
+        scene: &scene,
+        atlas: &atlas,
+        texels: &texels,
+        layout: texels.fingerprint(),
+        settings,
+    };
+    if before.as_ref().is_some_and(|(layout, _)| *layout != subject.layout) {
+        return Err(CheckpointError::Layout(checkpoint::path(folder)).into());
+    }
     let (mut lightmap, state, counts) = if settings.preview {
         let Preview { lightmap, state, counts, .. } = preview(&accel, &atlas, &texels, &clock, progress)?;
         (lightmap, state, counts)
     } else {
-        light(&accel, &atlas, &texels, settings.error, None, &mut (), &clock, progress)?
+        let mut keeper = Keeper {
+            subject: &subject,
+            results: &mut results,
+            clock: &clock,
+            progress,
+            warnings: &mut warnings,
+            before: before.map(|(_, found)| found),
+            states: settings.progressive.then(Pace::of_states),
+            checkpoints: settings.checkpoint.map(|every| (Pace::every(every), key)),
+        };
+        let first = if settings.progressive { Some(keeper.first_look(&accel)?) } else { None };
+        light(&accel, &atlas, &texels, settings.error, first.as_ref(), &mut keeper, &clock, progress)?
     };
     let irradiance = clock.measure(Stage::Post, || {
         post::fill_unusable(&atlas, &texels, &mut lightmap.combined, &lightmap.usable);
@@ -116,5 +153,9 @@ pub fn bake(path: &Path, settings: &Settings, progress: &dyn Progress) -> Result
         None => None,
     };
     let findings = Findings { state, counts, audit, warnings };
-    results.publish(&subject, &irradiance, findings, &clock, progress)
+    let report = results.publish(&subject, &irradiance, findings, &clock, progress)?;
+    if settings.checkpoint.is_some() {
+        checkpoint::remove(folder);
+    }
+    Ok(report)
 }

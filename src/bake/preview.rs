@@ -22,6 +22,8 @@ const ELEMENT_RAYS: u32 = 2;
 const SKY_RAYS: u32 = 8;
 /// Rays per element of the first bounce.
 const BOUNCE_RAYS: usize = 24;
+/// Times the noise and the change by smoothing that the error comes to: what both do not see is about as large.
+const UNSEEN: f32 = 2.0;
 
 /// A first lightmap.
 pub struct Preview {
@@ -85,7 +87,7 @@ pub fn preview(
         gather::smooth(atlas, texels, &tree, &bounce.irradiance, ELEMENT_SIDE, progress)
     })?;
     let combined: Vec<Rgb> = direct.irradiance.iter().zip(&rest.irradiance).map(|(&d, &i)| d + i).collect();
-    let squares = f64::from(direct.noise.hypot(rest.change)).powi(2) * texels.len() as f64;
+    let squares = f64::from(UNSEEN * direct.noise.hypot(rest.change)).powi(2) * texels.len() as f64;
     let state = State { reached: Milestone::Preview, predicted_error: relative(squares, &combined) };
     let usable = (0..texels.len() as u32).map(|t| !footprint.is_hidden(t)).collect();
     Ok(Preview { lightmap: Lightmap { direct: direct.irradiance, combined, usable }, rest, state, counts })

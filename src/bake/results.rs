@@ -6,6 +6,7 @@ use crate::atlas::{Atlas, PageImage, Texels};
 use crate::audit::Audit;
 use crate::config::Settings;
 use crate::document::Document;
+use crate::output::checkpoint;
 use crate::output::exr::{PageAttributes, clamped_texels, write_page};
 use crate::output::glb::{PageLink, lit_glb};
 use crate::output::html::write_html;
@@ -41,6 +42,8 @@ pub(super) struct Subject<'a> {
     pub(super) atlas: &'a Atlas,
     /// Its texels.
     pub(super) texels: &'a Texels,
+    /// Tells layouts apart.
+    pub(super) layout: u32,
     /// What was asked for.
     pub(super) settings: &'a Settings,
 }
@@ -58,12 +61,15 @@ pub(super) struct Findings {
 }
 
 impl Results {
-    /// Prepares the folder for a bake of `scene`: what would stop the results from being written, stops the bake now.
+    /// Prepares the folder for a bake of `scene`: what would stop the results from being written, stops the bake now. The
+    /// states that an interrupted bake has left may be replaced by one that goes on from its checkpoint.
     pub(super) fn open(scene: &Path, settings: &Settings) -> Result<Self, OutputError> {
         let stem = scene.file_stem().unwrap_or(OsStr::new("scene")).to_string_lossy();
         let lit_scene = format!("{stem}.lit.glb");
         let names = [lit_scene.as_str(), REPORT_JSON, REPORT_HTML];
-        let outputs = OutputSet::open(&settings.output.folder, &names, settings.output.force)?;
+        let OutputSettings { folder, force, .. } = &settings.output;
+        let goes_on = settings.resume && checkpoint::exists(folder);
+        let outputs = OutputSet::open(folder, &names, *force || goes_on)?;
         Ok(Self { outputs, lit_scene })
     }
 

@@ -8,6 +8,10 @@ use lightkiln::import::ImportSettings;
 use lightkiln::output::{OutputSettings, Precision};
 use lightkiln::units::{LightUnits, Quantity};
 use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+/// Time between checkpoints unless it is said.
+const CHECKPOINT: Duration = Duration::from_secs(60);
 
 /// Bakes noise-free lightmaps with clustering hierarchical radiosity.
 #[derive(Debug, Parser)]
@@ -39,8 +43,17 @@ pub(crate) struct BakeArguments {
     #[arg(long, value_name = "ERROR", default_value = "2%", value_parser = parse_error)]
     error: f32,
     /// Bake roughly, within seconds; the error is not aimed for.
-    #[arg(long)]
+    #[arg(long, conflicts_with_all = ["progressive", "checkpoint", "resume"])]
     preview: bool,
+    /// Show states of the running bake in place of the results: a preview first, then better ones.
+    #[arg(long)]
+    progressive: bool,
+    /// Keep a checkpoint, at most every so many seconds.
+    #[arg(long, value_name = "SECONDS", num_args = 0..=1, require_equals = true, default_missing_value = "60", value_parser = parse_seconds)]
+    checkpoint: Option<Duration>,
+    /// Go on from the checkpoint that an interrupted bake has left, if there is one, and keep checkpoints.
+    #[arg(long)]
+    resume: bool,
     /// How much to spend on finding out whether the error was met.
     /// [default: auto; off for previews].
     #[arg(long, value_enum)]
@@ -214,6 +227,9 @@ impl BakeArguments {
             },
             error: self.error,
             preview: self.preview,
+            progressive: self.progressive,
+            checkpoint: self.checkpoint.or(self.resume.then_some(CHECKPOINT)),
+            resume: self.resume,
             audit: match self.audit {
                 None if self.preview => Effort::Off,
                 None | Some(AuditChoice::Auto) => Effort::Auto,
@@ -256,6 +272,12 @@ fn parse_error(text: &str) -> Result<f32, String> {
         return Err(format!("must lie between {}% and {}%", ERROR_RANGE.start() * 100.0, ERROR_RANGE.end() * 100.0));
     }
     Ok(error.clamp(*ERROR_RANGE.start(), *ERROR_RANGE.end()))
+}
+
+/// Seconds, or fractions of one.
+fn parse_seconds(text: &str) -> Result<Duration, String> {
+    let seconds = text.parse::<f64>().ok().and_then(|s| Duration::try_from_secs_f64(s).ok());
+    seconds.ok_or_else(|| "must be a number of seconds".into())
 }
 
 fn parse_positive(text: &str) -> Result<f32, String> {

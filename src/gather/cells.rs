@@ -28,6 +28,8 @@ const TRUST: f32 = 0.3;
 const CHECKED: u32 = 4;
 /// Mean over a cell of the square of an error that is one in its middle and falls to none at its corners.
 const SAG: f32 = 0.28;
+/// Share of the irradiance that interpolation misses at most, as far as is foretold.
+const MOST_OFF: f32 = 0.5;
 /// Probes between two looks at the gather.
 const BATCH: usize = 4096;
 /// Cosine of the largest angle between a texel's normal and the one interpolated for it.
@@ -54,6 +56,13 @@ struct Cell {
     closed: [bool; 2],
     /// The cell it was cut from, if any: corners foretold by it tell its error.
     parent: Option<Rect>,
+}
+
+impl Cell {
+    /// Texels from the first to the last along its longer side.
+    fn size(&self) -> u32 {
+        (self.x[1] - self.x[0]).max(self.y[1] - self.y[0])
+    }
 }
 
 /// Corner texels and the rectangle they span.
@@ -209,7 +218,7 @@ impl Gathering<'_> {
             };
             let blend = Blend::new(state, &rect);
             let value = |&(t, p): &(u32, Vec2)| (t, state.told(rect.corners, &blend, p).max(Rgb::ZERO));
-            let square = f64::from(state.expected_error(parent, rect.corners)).powi(2) * owned.len() as f64;
+            let square = f64::from(state.likely_error(parent, rect.corners)).powi(2) * owned.len() as f64;
             (owned.iter().map(value).collect(), square)
         };
         let guesses: Vec<_> = self.cells.par_iter().map(guess).collect();
@@ -329,7 +338,7 @@ impl State<'_> {
     /// What the corners say of a cell whose corners have probes. A large cell that is fine by them is also asked in its
     /// middle, for what is narrow may pass between corners unseen.
     fn judge(&self, cell: &Cell, corners: [u32; 4]) -> Verdict {
-        let size = (cell.x[1] - cell.x[0]).max(cell.y[1] - cell.y[0]);
+        let size = cell.size();
         if size <= 1 || corners[0] == NO_TEXEL {
             return Verdict::Fine;
         }
@@ -372,7 +381,7 @@ impl State<'_> {
         let noise = corners.iter().map(|&c| self.probe(c).error.powi(2)).sum::<f32>() / 4.0;
         let bend = match asked {
             Some(middle) => SAG * self.miss(corners, &blend, middle).powi(2),
-            None if values.len() > 1 => self.expected_error(cell.parent.as_ref(), corners).powi(2),
+            None if cell.size() > 1 => self.likely_error(cell.parent.as_ref(), corners).powi(2),
             None => 0.0,
         };
         let squared_error = f64::from(noise + bend) * values.len() as f64;
@@ -437,6 +446,12 @@ impl State<'_> {
             expected = expected.min((0.5 * miss).max(TRUST * expected));
         }
         expected
+    }
+
+    /// The same without the caution that makes cells fine in time.
+    fn likely_error(&self, parent: Option<&Rect>, corners: [u32; 4]) -> f32 {
+        let mean = corners.iter().map(|&c| self.probe(c).irradiance.element_sum() / 3.0).sum::<f32>() / 4.0;
+        self.expected_error(parent, corners).min(MOST_OFF * mean)
     }
 
     /// True if interpolation between the corners is expected to stay within the tolerance.

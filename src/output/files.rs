@@ -156,12 +156,9 @@ impl OutputSet {
         content: impl FnOnce(&mut dyn Sink) -> io::Result<()>,
     ) -> Result<(), OutputError> {
         let target = self.folder.join(name);
-        let temporary = self.folder.join(format!(".{name}.partial-{}", std::process::id()));
-        let file = create(&temporary).map_err(|e| OutputError::writing(&target, e))?;
-        self.written.push(Written { target: target.clone(), temporary });
-        let mut sink = BufWriter::with_capacity(1 << 18, file);
-        let result = content(&mut sink).and_then(|()| sink.flush()).and_then(|()| sink.get_ref().sync_all());
-        result.map_err(|e| OutputError::writing(&target, e))
+        let temporary = temporary(&target);
+        self.written.push(Written { target: target.clone(), temporary: temporary.clone() });
+        fill(&temporary, content).map_err(|e| OutputError::writing(&target, e))
     }
 
     /// Gives all files their names and returns their paths, in the order in which they were written. Pages of an
@@ -256,6 +253,35 @@ impl Drop for OutputSet {
         self.written.iter().for_each(|w| discard(&w.temporary));
         self.created.iter().rev().for_each(|folder| discard(folder));
     }
+}
+
+/// Writes a single file whole, in place of an earlier one of that name.
+pub(super) fn replace(target: &Path, content: impl FnOnce(&mut dyn Sink) -> io::Result<()>) -> Result<(), OutputError> {
+    let temporary = temporary(target);
+    let result = fill(&temporary, content).and_then(|()| {
+        let mut list = unfinished();
+        fs::rename(&temporary, target)?;
+        list.retain(|p| *p != temporary);
+        Ok(())
+    });
+    result.map_err(|e| {
+        discard(&temporary);
+        OutputError::writing(target, e)
+    })
+}
+
+/// The name of a file beside `target` that is to become it.
+fn temporary(target: &Path) -> PathBuf {
+    let name = target.file_name().unwrap_or_default().to_string_lossy();
+    target.with_file_name(format!(".{name}.partial-{}", std::process::id()))
+}
+
+/// Writes a file that is not a result yet, and waits until it is on the disk.
+fn fill(path: &Path, content: impl FnOnce(&mut dyn Sink) -> io::Result<()>) -> io::Result<()> {
+    let mut sink = BufWriter::with_capacity(1 << 18, create(path)?);
+    content(&mut sink)?;
+    sink.flush()?;
+    sink.get_ref().sync_all()
 }
 
 /// Creates a file that is not a result yet.

@@ -1,5 +1,6 @@
 //! Writing what was baked: EXR pages, the lit GLB and the report, all or none of them.
 
+pub mod checkpoint;
 pub mod exr;
 pub mod files;
 pub mod glb;
@@ -10,6 +11,7 @@ pub mod process;
 pub mod report;
 mod thumbnail;
 
+pub use checkpoint::CheckpointError;
 pub use files::{OutputError, OutputSet};
 pub use report::Report;
 
