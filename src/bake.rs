@@ -4,6 +4,7 @@ mod keeper;
 mod light;
 mod observer;
 mod preview;
+mod refine;
 mod results;
 
 pub use light::light;
@@ -12,7 +13,6 @@ pub use preview::{Preview, preview};
 
 use crate::accel::Accel;
 use crate::atlas::{self, AtlasError};
-use crate::audit::{self, AuditSettings};
 use crate::config::Settings;
 use crate::import::{self, ImportError, Imported};
 use crate::output::OutputError;
@@ -21,7 +21,6 @@ use crate::output::glb::GlbError;
 use crate::output::identity::scene_hash;
 pub use crate::output::report::Report;
 use crate::output::report::StageClock;
-use crate::post;
 use crate::progress::{Cancelled, Progress, Stage};
 use crate::warning::Warning;
 use keeper::{Keeper, Pace};
@@ -122,37 +121,35 @@ pub fn bake(path: &Path, settings: &Settings, progress: &dyn Progress) -> Result
     if before.as_ref().is_some_and(|(layout, _)| *layout != subject.layout) {
         return Err(CheckpointError::Layout(checkpoint::path(folder)).into());
     }
-    let (mut lightmap, state, counts) = if settings.preview {
+    let mut keeper = Keeper {
+        subject: &subject,
+        results: &mut results,
+        clock: &clock,
+        progress,
+        warnings: &mut warnings,
+        before: before.map(|(_, found)| found),
+        states: settings.progressive.then(Pace::of_states),
+        accel: &accel,
+        judged: None,
+        refinements: Vec::new(),
+        checkpoints: settings.checkpoint.map(|every| (Pace::every(every), key)),
+    };
+    let (lightmap, state, counts) = if settings.preview {
         let Preview { lightmap, state, counts, .. } = preview(&accel, &atlas, &texels, &clock, progress)?;
+        // It is judged, if that is asked for, but stays what it is.
+        keeper.judge(&lightmap, &counts)?;
+        keeper.refinements.clear();
         (lightmap, state, counts)
     } else {
-        let mut keeper = Keeper {
-            subject: &subject,
-            results: &mut results,
-            clock: &clock,
-            progress,
-            warnings: &mut warnings,
-            before: before.map(|(_, found)| found),
-            states: settings.progressive.then(Pace::of_states),
-            checkpoints: settings.checkpoint.map(|every| (Pace::every(every), key)),
-        };
-        let first = if settings.progressive { Some(keeper.first_look(&accel)?) } else { None };
+        let first = keeper.first_look()?;
         light(&accel, &atlas, &texels, settings.error, first.as_ref(), &mut keeper, &clock, progress)?
     };
-    let irradiance = clock.measure(Stage::Post, || {
-        post::fill_unusable(&atlas, &texels, &mut lightmap.combined, &lightmap.usable);
-        post::finish(&atlas, &texels, &scene, &lightmap.combined, &settings.post, progress)
-    })?;
-    let audit = match settings.audit.most_rays(counts.rays.values().sum()) {
-        Some(most_rays) => clock.measure(Stage::Audit, || {
-            let baked = post::at_texels(&atlas, &texels, &irradiance);
-            let seed = u32::from_str_radix(hash.get(..8).unwrap_or_default(), 16).unwrap_or_default();
-            let settings = AuditSettings { target: settings.error, most_rays, seed };
-            audit::audit(&accel, &atlas, &texels, &lightmap.usable, &baked, &settings, progress)
-        })?,
-        None => None,
+    let (irradiance, audit) = match keeper.judged.take() {
+        Some(judged) => judged,
+        None => (keeper.finish(&lightmap)?, None),
     };
-    let findings = Findings { state, counts, audit, warnings };
+    let refinements = keeper.refinements;
+    let findings = Findings { state, counts, audit, refinements, warnings };
     let report = results.publish(&subject, &irradiance, findings, &clock, progress)?;
     if settings.checkpoint.is_some() {
         checkpoint::remove(folder);

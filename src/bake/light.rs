@@ -1,12 +1,12 @@
 //! The order of the lighting stages: resolved scene and texels → irradiance.
 
-use super::observer::{Counts, FoundSoFar, Observer, Solution};
-use super::preview::Preview;
+use super::keeper::REFINE;
+use super::observer::{Counts, FoundSoFar, Observer, Refinement, Solution};
 use crate::accel::Accel;
 use crate::atlas::{Atlas, Texels};
 use crate::gather::{
     self, CellSettings, DirectSettings, Emission, Footprint, GatherStart, Gathering, Lamp, Lamps, Lightmap, LitScene,
-    Portals, ProbeSettings, Source,
+    Portals, ProbeSettings, Smooth, Source,
 };
 use crate::hierarchy::{self, Hierarchy, Side, Surface, Surfels};
 use crate::output::report::StageClock;
@@ -34,14 +34,14 @@ const FLOOR: f32 = 0.25;
 /// Most rays that one probe casts for an error of 2 %.
 const MOST_RAYS: f32 = 1800.0;
 
-/// Irradiance of every texel to within about `error` (relative RMSE). `first` is the preview that drafts start from;
-/// without one there are none.
+/// Irradiance of every texel to within about `error` (relative RMSE). `first` is what is known of all but direct light
+/// before it is solved, for drafts.
 pub fn light(
     accel: &Accel,
     atlas: &Atlas,
     texels: &Texels,
     error: f32,
-    first: Option<&Preview>,
+    first: Option<&Smooth>,
     observer: &mut dyn Observer,
     clock: &StageClock,
     progress: &dyn Progress,
@@ -70,7 +70,7 @@ pub fn light(
     };
     let all = |change: f32| f64::from(change).powi(2) * texels.len() as f64;
     observer.found(&FoundSoFar { direct: Some(&direct), solution: None, probes: &[] }, &counts, &mut || {
-        let rest = &first?.rest;
+        let rest = first?;
         Some(draft(Milestone::Direct, &rest.irradiance, all(rest.change)).into())
     });
 
@@ -101,9 +101,9 @@ pub fn light(
     counts.solver = solution.counts.solver;
     counts.rays.extend(solution.counts.rays.clone());
     let bounce = &solution.bounce;
-    let rest = match first {
-        Some(_) => Some(gather::smooth(atlas, texels, &tree, &bounce.irradiance, ELEMENT_SIDE, progress)?),
-        None => None,
+    let rest = match observer.wants_drafts() {
+        true => Some(gather::smooth(atlas, texels, &tree, &bounce.irradiance, ELEMENT_SIDE, progress)?),
+        false => None,
     };
     let solved = FoundSoFar { direct: Some(&direct), solution: Some(&solution), probes: &[] };
     observer.found(&solved, &counts, &mut || {
@@ -114,7 +114,7 @@ pub fn light(
     let source = Source::new(lit, &bounce.irradiance, Some(&bounce.guide));
     let floor = FLOOR * mean(texels, &direct.irradiance, &tree, &bounce.irradiance);
     let start = GatherStart { probes: before.probes, ..GatherStart::default() };
-    let indirect = clock.measure(Stage::Gather, || {
+    let mut indirect = clock.measure(Stage::Gather, || {
         let mut watch = |gathering: &Gathering| {
             let so_far = FoundSoFar { probes: gathering.probes(), ..solved };
             observer.found(&so_far, &counts, &mut || {
@@ -128,7 +128,30 @@ pub fn light(
     })?;
     counts.solver.probes = indirect.probes.len() as u64;
     counts.rays.insert("gather".into(), indirect.rays);
-    let (lightmap, state) = draft(Milestone::Final, &indirect.irradiance, indirect.squared_error);
+    let (mut lightmap, mut state) = draft(Milestone::Final, &indirect.irradiance, indirect.squared_error);
+
+    // What an audit finds wanting is gathered again, more finely.
+    while let Some(Refinement { tiles, error }) = observer.judge(&lightmap, &counts)? {
+        let mut wanted = vec![false; texels.len()];
+        tiles.into_iter().for_each(|tile| wanted[tile.start as usize..tile.end as usize].fill(true));
+        let settings = DirectSettings::for_error(error);
+        let own = &mut lightmap.direct;
+        let cast = clock.measure(Stage::Direct, || {
+            gather::closer_direct(&lamps, texels, &footprint, &settings, &wanted, own, progress)
+        })?;
+        let kept = 1.0 - wanted.iter().filter(|&&w| w).count() as f64 / texels.len() as f64;
+        let squares = kept * indirect.squared_error;
+        let start = GatherStart { irradiance: indirect.irradiance, wanted, probes: Vec::new() };
+        indirect = clock.measure(Stage::Gather, || {
+            let settings = cell_settings(error, floor);
+            gather::indirect(&source, atlas, texels, &footprint, &settings, start, &mut |_| (), progress)
+        })?;
+        indirect.squared_error += squares;
+        *counts.rays.entry(REFINE.into()).or_default() += cast + indirect.rays;
+        counts.solver.probes += indirect.probes.len() as u64;
+        state = draft(Milestone::Final, &indirect.irradiance, indirect.squared_error).1;
+        lightmap.combined = lightmap.direct.iter().zip(&indirect.irradiance).map(|(&d, &i)| d + i).collect();
+    }
     Ok((lightmap, state, counts))
 }
 

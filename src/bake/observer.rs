@@ -80,16 +80,16 @@ pub trait Observer {
         Found::default()
     }
 
+    /// True if drafts are wanted.
+    fn wants_drafts(&self) -> bool {
+        false
+    }
+
     /// More was found. `draft` shows the lightmap as it is now, which takes some time; none where there is nothing to show.
     fn found(&mut self, _so_far: &FoundSoFar, _counts: &Counts, _draft: &mut dyn FnMut() -> Option<Draft>) {}
 
     /// What is to be gathered again of a finished lightmap, if anything.
-    fn judge(
-        &mut self,
-        _lightmap: &Lightmap,
-        _state: State,
-        _counts: &Counts,
-    ) -> Result<Option<Refinement>, Cancelled> {
+    fn judge(&mut self, _lightmap: &Lightmap, _counts: &Counts) -> Result<Option<Refinement>, Cancelled> {
         Ok(None)
     }
 }

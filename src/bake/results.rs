@@ -10,7 +10,7 @@ use crate::output::checkpoint;
 use crate::output::exr::{PageAttributes, clamped_texels, write_page};
 use crate::output::glb::{PageLink, lit_glb};
 use crate::output::html::write_html;
-use crate::output::report::{AtlasFacts, PageFacts, Report, SCHEMA, SceneFacts, StageClock};
+use crate::output::report::{AtlasFacts, PageFacts, RefinementFacts, Report, SCHEMA, SceneFacts, StageClock};
 use crate::output::{OutputError, OutputSet, OutputSettings, Precision, State, process};
 use crate::post;
 use crate::progress::{Cancelled, Progress, Stage};
@@ -56,6 +56,8 @@ pub(super) struct Findings {
     pub(super) counts: Counts,
     /// How far the lightmap is from the truth.
     pub(super) audit: Option<Audit>,
+    /// What was gathered again.
+    pub(super) refinements: Vec<RefinementFacts>,
     /// Faults that it went on after.
     pub(super) warnings: Vec<Warning>,
 }
@@ -70,6 +72,9 @@ impl Results {
         let OutputSettings { folder, force, .. } = &settings.output;
         let goes_on = settings.resume && checkpoint::exists(folder);
         let outputs = OutputSet::open(folder, &names, *force || goes_on)?;
+        if goes_on {
+            outputs.sweep();
+        }
         Ok(Self { outputs, lit_scene })
     }
 
@@ -101,6 +106,7 @@ impl Results {
             solver: findings.counts.solver,
             atlas: atlas_facts(subject.atlas, subject.texels, &pages),
             audit: findings.audit,
+            refinements: findings.refinements,
             memory_peak_bytes: process::peak_memory(),
             warnings: findings.warnings,
             outputs,

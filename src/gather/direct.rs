@@ -33,6 +33,8 @@ const SLIVER: f32 = 8.0;
 const MOST_BLIND: u32 = 128;
 /// Times the rays that a texel casts if its neighbourhood disagrees.
 const CLOSER: u32 = 4;
+/// Times the rays of every texel that one casts which is looked at again.
+const MANY: u32 = 16;
 /// Points of an element that see the sky for all of it.
 const SKY_POINTS: usize = 2;
 /// Points of a texel that is near a lamp.
@@ -158,6 +160,42 @@ pub fn texel_direct(
     }
     let noise = (noise.iter().sum::<f64>() / texels.len().max(1) as f64).sqrt() as f32;
     Ok(Direct { irradiance, noise, rays: rays.into_inner() })
+}
+
+/// The same again, with many rays, for the texels that are `wanted`. Returns the rays cast.
+pub fn closer_direct(
+    lamps: &Lamps,
+    texels: &Texels,
+    footprint: &Footprint,
+    settings: &DirectSettings,
+    wanted: &[bool],
+    irradiance: &mut [Rgb],
+    progress: &dyn Progress,
+) -> Result<u64, Cancelled> {
+    let mean = sample_mean(lamps, footprint, texels.len());
+    let rays = AtomicU64::new(0);
+    let all = irradiance.par_iter_mut().zip(wanted).enumerate().filter(|(_, (_, wanted))| **wanted);
+    all.try_for_each(|(t, (e, _))| {
+        let texel = t as u32;
+        let mut cast = 0;
+        let mut sum = Rgb::ZERO;
+        for lamp in 0..lamps.len() {
+            let Some(sender) = lamps.get(lamp, &footprint.centre(texel)) else { continue };
+            let free = unoccluded(sender, texels, footprint, texel);
+            let (point, seed) = (|u| footprint.point(texel, u), hash2(texel, lamp as u32));
+            let mut look = Visibility::default();
+            cast += lamps.test(sender, seed, MANY * settings.base, point, &mut look);
+            if look.seen() == Seen::Part {
+                let most = settings.penumbra(free.max_element(), yardstick(*e, mean));
+                cast += lamps.test(sender, seed, most, point, &mut look);
+            }
+            sum += free * look.share();
+        }
+        *e = sum;
+        rays.fetch_add(cast, Ordering::Relaxed);
+        if progress.is_cancelled() { Err(Cancelled) } else { Ok(()) }
+    })?;
+    Ok(rays.into_inner())
 }
 
 /// Mean irradiance from all lamps, W/m², mean of channels, from every so many-th texel.

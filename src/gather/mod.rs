@@ -19,7 +19,7 @@ mod visibility;
 
 pub use bounce::{Bounce, bounce};
 pub use cells::{CellSettings, Gathering, Start as GatherStart, indirect};
-pub use direct::{Direct, DirectSettings, element_direct, element_sky, texel_direct};
+pub use direct::{Direct, DirectSettings, closer_direct, element_direct, element_sky, texel_direct};
 pub use emitters::{Emission, classify};
 pub use footprint::Footprint;
 pub use guide::Guide;

@@ -139,6 +139,14 @@ impl OutputSet {
         Ok(set)
     }
 
+    /// Removes what a bake that was killed has left half written. Only where no other bake can be at work.
+    pub fn sweep(&self) {
+        let own = format!(".partial-{}", std::process::id());
+        let is_left = |name: &str| name.starts_with('.') && name.contains(".partial-") && !name.ends_with(&own);
+        let entries = fs::read_dir(&self.folder).into_iter().flatten().flatten();
+        entries.filter(|e| e.file_name().to_str().is_some_and(is_left)).for_each(|e| remove(&e.path()));
+    }
+
     /// Name of lightmap page `index`.
     pub fn page_name(index: usize) -> String {
         format!("lightmap_{index}.exr")

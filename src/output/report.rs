@@ -4,7 +4,7 @@
 
 use super::{State, process};
 use crate::atlas::PageImage;
-use crate::audit::Audit;
+use crate::audit::{Audit, Estimate};
 use crate::progress::Stage;
 use crate::warning::Warning;
 use glam::{DVec3, Vec3};
@@ -44,12 +44,25 @@ pub struct Report {
     pub atlas: AtlasFacts,
     /// How far the lightmap is from the truth; null without an audit.
     pub audit: Option<Audit>,
+    /// What was gathered again because an audit had found it worse than wanted.
+    pub refinements: Vec<RefinementFacts>,
     /// Most memory held at one time, bytes; null where the system does not tell.
     pub memory_peak_bytes: Option<u64>,
     /// Faults that the bake went on after.
     pub warnings: Vec<Warning>,
     /// Result files: names relative to the report's folder.
     pub outputs: Vec<String>,
+}
+
+/// What was gathered again, and why.
+#[derive(Clone, Debug, Serialize)]
+pub struct RefinementFacts {
+    /// Error of the lightmap before.
+    pub error_before: Estimate,
+    /// Share of all texels that were gathered again.
+    pub texels: f64,
+    /// Relative error that was aimed for there.
+    pub aim: f64,
 }
 
 /// What was baked.

@@ -1,0 +1,58 @@
+//! Which parts of a lightmap to gather again once an audit has found it worse than wanted.
+//!
+//! The audit that chooses them never judges them: the next one draws other texels and other paths. What is spent is
+//! bounded by what the bake has cost: at most [`ROUNDS`] times, and together no more rays than before the first audit,
+//! as far as can be foretold.
+
+use super::observer::Refinement;
+use crate::audit::{Audit, Verdict};
+use crate::output::report::RefinementFacts;
+use std::ops::Range;
+
+/// Most refinements of one bake.
+pub(super) const ROUNDS: usize = 2;
+/// Each aims for this share of the error that the one before aimed for.
+const STEP: f32 = 0.5;
+/// Rays that it casts for one of the bake.
+const COST: f64 = 4.0;
+/// Share of the squared error that it takes away.
+const GAIN: f64 = 0.75;
+/// Share of the target that is aimed for, so that the next audit has room to be certain.
+const MARGIN: f64 = 0.8;
+
+/// The tiles that bring the most error for their size, until what is left meets the target or `budget` is spent, the
+/// rays that may be cast as a share of those of the bake. None if the target is met or nothing can be done. `round`
+/// counts from 0.
+pub(super) fn worst_tiles(audit: &Audit, texels: usize, round: usize, budget: f64) -> Option<Refinement> {
+    let is_met = match audit.verdict {
+        Verdict::Met => true,
+        Verdict::Uncertain => audit.error.value <= audit.target,
+        Verdict::Missed => false,
+    };
+    if is_met || round >= ROUNDS {
+        return None;
+    }
+    let mut tiles = audit.tiles(texels);
+    let mut left = audit.error.value.powi(2) - (MARGIN * audit.target).powi(2);
+    let density = |t: &(Range<u32>, f64)| t.1 / t.0.len().max(1) as f64;
+    tiles.sort_by(|a, b| density(b).total_cmp(&density(a)));
+    let mut budget = budget;
+    let worst = tiles.into_iter().take_while(|(tile, square)| {
+        let is_wanted = left > 0.0 && *square > 0.0;
+        left -= GAIN * square;
+        budget -= COST * tile.len() as f64 / texels as f64;
+        is_wanted && budget >= 0.0
+    });
+    let mut tiles: Vec<_> = worst.map(|(tile, _)| tile).collect();
+    tiles.sort_by_key(|tile| tile.start);
+    let error = audit.target as f32 * STEP.powi(round as i32 + 1);
+    (!tiles.is_empty()).then_some(Refinement { tiles, error })
+}
+
+/// What the report says of a `refinement` of a lightmap of so many texels, after `audit`.
+pub(super) fn refined_facts(refinement: &Refinement, audit: &Audit, texels: usize) -> RefinementFacts {
+    let chosen: usize = refinement.tiles.iter().map(|tile| tile.len()).sum();
+    // Through text, so that 0.01 does not become 0.009999999776482582.
+    let aim = refinement.error.to_string().parse().unwrap_or_else(|_| f64::from(refinement.error));
+    RefinementFacts { error_before: audit.error, texels: chosen as f64 / texels.max(1) as f64, aim }
+}
