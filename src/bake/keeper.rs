@@ -69,7 +69,9 @@ impl Pace {
 
     /// It was done, from `start` on.
     fn done(&mut self, start: Instant) {
-        self.due = Instant::now() + self.least.max(REST * start.elapsed());
+        // Who asks for no time between wants it at every opportunity.
+        let rest = if self.least.is_zero() { Duration::ZERO } else { self.least.max(REST * start.elapsed()) };
+        self.due = Instant::now() + rest;
     }
 }
 

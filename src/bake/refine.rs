@@ -56,3 +56,68 @@ pub(super) fn refined_facts(refinement: &Refinement, audit: &Audit, texels: usiz
     let aim = refinement.error.to_string().parse().unwrap_or_else(|_| f64::from(refinement.error));
     RefinementFacts { error_before: audit.error, texels: chosen as f64 / texels.max(1) as f64, aim }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::audit::{AuditedTexel, ESTIMATES, Estimate};
+    use crate::scene::Rgb;
+
+    /// An audit of every tenth of 1000 texels, the last hundred of which are off by `off`.
+    fn audited(off: f32, target: f64, verdict: Verdict) -> Audit {
+        let texel = |i: u32| AuditedTexel {
+            texel: 10 * i,
+            instance: 0,
+            page: 0,
+            pixel: [0, 0],
+            weight: 10.0,
+            baked: Rgb::splat(if i < 90 { 1.0 } else { 1.0 + off }),
+            estimates: [Rgb::ONE; ESTIMATES],
+        };
+        let value = f64::from(off) * 0.1f64.sqrt();
+        let error = Estimate { value, low: value, high: value };
+        Audit {
+            target,
+            verdict,
+            error,
+            bias: error,
+            median: None,
+            p95: None,
+            rounds: 1,
+            paths_per_texel: 1,
+            rays: 0,
+            population: 1000,
+            audited: 100,
+            objects: Vec::new(),
+            texels: (0..100).map(texel).collect(),
+        }
+    }
+
+    #[test]
+    fn the_worst_tiles_are_chosen_and_no_others() {
+        let refinement =
+            worst_tiles(&audited(0.3, 0.02, Verdict::Missed), 1000, 0, 1.0).expect("the target was missed");
+        assert_eq!(refinement.error, 0.01);
+        assert!(refinement.tiles.iter().all(|tile| tile.start >= 880), "{:?}", refinement.tiles);
+        let chosen: usize = refinement.tiles.iter().map(|tile| tile.len()).sum();
+        assert!((100..=130).contains(&chosen), "{chosen}");
+        let second = worst_tiles(&audited(0.3, 0.02, Verdict::Missed), 1000, 1, 1.0).expect("once more");
+        assert_eq!(second.error, 0.005);
+    }
+
+    #[test]
+    fn the_budget_bounds_them() {
+        let some = worst_tiles(&audited(0.3, 0.02, Verdict::Missed), 1000, 0, 0.4).expect("there is a budget");
+        let chosen: usize = some.tiles.iter().map(|tile| tile.len()).sum();
+        assert!(chosen > 0 && COST * chosen as f64 <= 400.0, "{chosen}");
+        assert!(worst_tiles(&audited(0.3, 0.02, Verdict::Missed), 1000, 0, 0.01).is_none());
+        assert!(worst_tiles(&audited(0.3, 0.02, Verdict::Missed), 1000, ROUNDS, 1.0).is_none());
+    }
+
+    #[test]
+    fn what_is_met_stays() {
+        assert!(worst_tiles(&audited(0.03, 0.02, Verdict::Met), 1000, 0, 1.0).is_none());
+        assert!(worst_tiles(&audited(0.03, 0.02, Verdict::Uncertain), 1000, 0, 1.0).is_none());
+        assert!(worst_tiles(&audited(0.3, 0.02, Verdict::Uncertain), 1000, 0, 1.0).is_some());
+    }
+}

@@ -268,6 +268,10 @@ fn parse_error(text: &str) -> Result<f32, String> {
     };
     // Half a unit of the last digit of 0.1 % must not decide.
     let tolerance = 1e-6;
+    if error < ERROR_RANGE.start() - tolerance {
+        let least = ERROR_RANGE.start() * 100.0;
+        return Err(format!("no lightmap is that exact: half floats alone are 0.03% off; ask for {least}% or more"));
+    }
     if !(error >= ERROR_RANGE.start() - tolerance && error <= ERROR_RANGE.end() + tolerance) {
         return Err(format!("must lie between {}% and {}%", ERROR_RANGE.start() * 100.0, ERROR_RANGE.end() * 100.0));
     }

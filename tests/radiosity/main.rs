@@ -6,6 +6,7 @@ mod leaves;
 mod rooms;
 mod shadowless;
 mod sky;
+mod states;
 
 use glam::Vec3;
 use lightkiln::accel::Accel;
