@@ -54,7 +54,7 @@ pub fn light(
 
     let (emission, lamps) = lamps(scene);
     let portals = clock.measure(Stage::Direct, || Portals::find(accel, &footprint, texels.len() as u32, progress))?;
-    let lamps = Lamps::new(lamps, portals, &accel);
+    let lamps = Lamps::new(lamps, portals, accel);
     let direct_settings = DirectSettings::for_error(error);
     let direct = clock.measure(Stage::Direct, || match before.direct {
         Some(direct) => Ok(direct),

@@ -51,7 +51,7 @@ pub fn preview(
     let (emission, lamps) = lamps(scene);
     let (lamps, mut direct) = clock.measure(Stage::Direct, || {
         let portals = Portals::find(accel, &footprint, texels.len() as u32, progress)?;
-        let lamps = Lamps::new(lamps, portals, &accel);
+        let lamps = Lamps::new(lamps, portals, accel);
         let direct = gather::texel_direct(&lamps, atlas, texels, &footprint, &DirectSettings::rough(), progress)?;
         Ok((lamps, direct))
     })?;

@@ -6,13 +6,19 @@
 //! Based on: Ward, Rubinstein, Clear, "A Ray Tracing Solution for Diffuse Interreflection", 1988 (how far irradiance
 //! reaches follows from the harmonic mean distance to what is seen).
 
+mod blend;
+mod draft;
+
+pub use draft::Gathering;
+
 use super::footprint::Footprint;
 use super::probe::{Probe, ProbeSettings};
 use super::source::Source;
 use crate::atlas::{Atlas, NO_TEXEL, Texels};
 use crate::progress::{Cancelled, Counter, Progress, Stage};
 use crate::scene::Rgb;
-use glam::{Vec2, Vec3};
+use blend::Blend;
+use glam::Vec2;
 use rayon::prelude::*;
 use std::collections::HashMap;
 
@@ -124,15 +130,6 @@ pub struct Start {
     pub probes: Vec<(u32, Probe)>,
 }
 
-/// A gather on its way.
-pub struct Gathering<'a> {
-    state: &'a State<'a>,
-    /// Cells that are not finished.
-    cells: &'a [Cell],
-    irradiance: &'a [Rgb],
-    squared_error: f64,
-}
-
 /// Gathers at the corners of adaptive cells and interpolates between them. `watch` is called now and then.
 pub fn indirect(
     source: &Source,
@@ -191,47 +188,6 @@ pub fn indirect(
     }
     let rays = state.probes.iter().map(|(_, p)| p.rays as u64).sum();
     Ok(Indirect { irradiance, squared_error, probes: state.probes, rays })
-}
-
-impl Gathering<'_> {
-    /// Texels with their probes so far.
-    pub fn probes(&self) -> &[(u32, Probe)] {
-        &self.state.probes
-    }
-
-    /// Irradiance of every texel as far as it is known, W/m², with the sum of the squared errors to be expected: finished
-    /// cells as they are; others by their corners or by those of the cell that they were cut from; where there are none,
-    /// `rest` with the error `off`.
-    pub fn draft(&self, rest: &[Rgb], off: f32) -> (Vec<Rgb>, f64) {
-        let state = self.state;
-        let guess = |cell: &Cell| -> (Vec<(u32, Rgb)>, f64) {
-            let owned = state.owned(cell);
-            let corners = state.corners(cell);
-            let is_known = |c: &u32| *c != NO_TEXEL && state.probe_of[*c as usize] != NO_PROBE;
-            let (rect, parent) = match (&cell.parent, corners.iter().all(is_known)) {
-                (parent, true) => (Some(Rect { x: cell.x, y: cell.y, corners }), parent.as_ref()),
-                (parent, false) => (parent.clone(), None),
-            };
-            let Some(rect) = rect else {
-                let square = f64::from(off).powi(2) * owned.len() as f64;
-                return (owned.iter().map(|&(t, _)| (t, rest[t as usize])).collect(), square);
-            };
-            let blend = Blend::new(state, &rect);
-            let value = |&(t, p): &(u32, Vec2)| (t, state.told(rect.corners, &blend, p).max(Rgb::ZERO));
-            let square = f64::from(state.likely_error(parent, rect.corners)).powi(2) * owned.len() as f64;
-            (owned.iter().map(value).collect(), square)
-        };
-        let guesses: Vec<_> = self.cells.par_iter().map(guess).collect();
-        let mut irradiance = self.irradiance.to_vec();
-        let mut squared_error = self.squared_error;
-        for (values, square) in guesses {
-            squared_error += square;
-            for (texel, value) in values {
-                irradiance[texel as usize] = value;
-            }
-        }
-        (irradiance, squared_error)
-    }
 }
 
 enum Outcome {
@@ -501,79 +457,4 @@ fn split(cell: &Cell, corners: [u32; 4]) -> Vec<Cell> {
         }
     }
     children
-}
-
-/// Interpolation from four corners that reproduces linear functions of the page position.
-enum Blend {
-    /// Probes sit at the corners of the rectangle.
-    Bilinear { origin: Vec2, scale: Vec2 },
-    /// Probes were moved: the plane that fits them best. Rows give value, slope in x and slope in y from the corners.
-    Plane { centre: Vec2, rows: [[f32; 4]; 3] },
-}
-
-impl Blend {
-    fn new(state: &State, rect: &Rect) -> Self {
-        let at: [Vec2; 4] = rect.corners.map(|t| {
-            let [x, y] = state.texels.pixel[t as usize].map(f32::from);
-            Vec2::new(x, y)
-        });
-        let exact = (0..4).all(|k| at[k] == Vec2::new(rect.x[k & 1] as f32, rect.y[k >> 1] as f32));
-        if exact {
-            let size = at[3] - at[0];
-            return Blend::Bilinear { origin: at[0], scale: 1.0 / size.max(Vec2::ONE) };
-        }
-        Self::plane(at)
-    }
-
-    fn plane(at: [Vec2; 4]) -> Self {
-        let centre = (at[0] + at[1] + at[2] + at[3]) / 4.0;
-        let d = at.map(|p| p - centre);
-        let (mut xx, mut xy, mut yy) = (0.0, 0.0, 0.0);
-        for p in d {
-            xx += p.x * p.x;
-            xy += p.x * p.y;
-            yy += p.y * p.y;
-        }
-        // A little stiffness keeps slopes finite where the probes lie on a line or in one place.
-        let stiff = 0.01 * (xx + yy) + 0.25;
-        let (xx, yy) = (xx + stiff, yy + stiff);
-        let det = xx * yy - xy * xy;
-        let rows = [[0.25; 4], d.map(|p| (yy * p.x - xy * p.y) / det), d.map(|p| (xx * p.y - xy * p.x) / det)];
-        Blend::Plane { centre, rows }
-    }
-
-    fn weights(&self, p: Vec2) -> [f32; 4] {
-        match self {
-            Blend::Bilinear { origin, scale } => {
-                let f = ((p - *origin) * *scale).clamp(Vec2::ZERO, Vec2::ONE);
-                [(1.0 - f.x) * (1.0 - f.y), f.x * (1.0 - f.y), (1.0 - f.x) * f.y, f.x * f.y]
-            }
-            Blend::Plane { centre, rows } => {
-                let d = p - *centre;
-                std::array::from_fn(|k| rows[0][k] + rows[1][k] * d.x + rows[2][k] * d.y)
-            }
-        }
-    }
-
-    fn value(&self, p: Vec2, corner: impl Fn(usize) -> Vec3) -> Vec3 {
-        let w = self.weights(p);
-        corner(0) * w[0] + corner(1) * w[1] + corner(2) * w[2] + corner(3) * w[3]
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn planes_reproduce_linear_functions() {
-        let at = [Vec2::new(1.0, 0.0), Vec2::new(9.0, 1.0), Vec2::new(0.0, 7.0), Vec2::new(8.0, 9.0)];
-        let f = |p: Vec2| Vec3::splat(3.0 + 0.5 * p.x - 0.25 * p.y);
-        let blend = Blend::plane(at);
-        let p = Vec2::new(4.0, 5.0);
-        let got = blend.value(p, |k| f(at[k]));
-        assert!((got - f(p)).length() < 0.1, "{got}");
-        let constant = blend.value(p, |_| Vec3::ONE);
-        assert!((constant - Vec3::ONE).length() < 1e-5);
-    }
 }

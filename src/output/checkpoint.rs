@@ -56,10 +56,10 @@ pub enum CheckpointError {
         path: PathBuf,
         /// The setting.
         name: String,
-        /// What it was.
-        found: Value,
+        /// What it was, as JSON.
+        found: String,
         /// What it is now.
-        wanted: Value,
+        wanted: String,
     },
     /// The lightmap is laid out in another way than when it was written.
     #[error("the checkpoint `{}` was made with another layout of the lightmap; delete it, or bake without --resume", .0.display())]
@@ -94,7 +94,7 @@ impl Key {
         for name in self.settings.keys().chain(found.settings.keys()) {
             let of = |key: &Self| key.settings.get(name).cloned().unwrap_or(Value::Null);
             if of(self) != of(found) {
-                let (found, wanted) = (of(found), of(self));
+                let (found, wanted) = (of(found).to_string(), of(self).to_string());
                 return Err(CheckpointError::Setting { path: path(), name: name.clone(), found, wanted });
             }
         }
