@@ -137,7 +137,7 @@ pub fn bake(path: &Path, settings: &Settings, progress: &dyn Progress) -> Result
     let (lightmap, state, counts) = if settings.preview {
         let Preview { lightmap, state, counts, .. } = preview(&accel, &atlas, &texels, &clock, progress)?;
         // It is judged, if that is asked for, but stays what it is.
-        keeper.judge(&lightmap, &counts)?;
+        keeper.judge(&lightmap, &[], &counts)?;
         keeper.refinements.clear();
         (lightmap, state, counts)
     } else {

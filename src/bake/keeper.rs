@@ -4,12 +4,12 @@
 use super::BakeError;
 use super::observer::{Counts, Draft, Found, FoundSoFar, Observer, Refinement};
 use super::preview::{Preview, preview};
-use super::refine::{refined_facts, worst_tiles};
+use super::refine::{Costs, refined_facts, worst_tiles};
 use super::results::{Findings, Results, Subject};
 use crate::accel::Accel;
 use crate::atlas::PageImage;
 use crate::audit::{self, Audit, AuditSettings};
-use crate::gather::{Lightmap, Smooth};
+use crate::gather::{Lightmap, Probe, Smooth};
 use crate::math::hash2;
 use crate::output::checkpoint::{self, Key};
 use crate::output::report::{RefinementFacts, StageClock};
@@ -167,7 +167,12 @@ impl Observer for Keeper<'_> {
         self.states.is_some()
     }
 
-    fn judge(&mut self, lightmap: &Lightmap, counts: &Counts) -> Result<Option<Refinement>, Cancelled> {
+    fn judge(
+        &mut self,
+        lightmap: &Lightmap,
+        probes: &[(u32, Probe)],
+        counts: &Counts,
+    ) -> Result<Option<Refinement>, Cancelled> {
         let Subject { atlas, texels, settings, hash, .. } = *self.subject;
         let refined = counts.rays.get(REFINE).copied().unwrap_or(0);
         let first = counts.rays.values().sum::<u64>() - refined;
@@ -182,8 +187,9 @@ impl Observer for Keeper<'_> {
             let settings = AuditSettings { target: settings.error, most_rays, seed };
             audit::audit(self.accel, atlas, texels, &lightmap.usable, &baked, &settings, self.progress)
         })?;
-        let budget = 1.0 - refined as f64 / first.max(1) as f64;
-        let refinement = audit.as_ref().and_then(|audit| worst_tiles(audit, texels.len(), round, budget));
+        let costs = Costs::new(texels.len(), probes, first);
+        let budget = first as f64 - refined as f64;
+        let refinement = audit.as_ref().and_then(|audit| worst_tiles(audit, &costs, round, budget));
         if let (Some(refinement), Some(audit)) = (&refinement, &audit) {
             self.refinements.push(refined_facts(refinement, audit, texels.len()));
         }

@@ -131,7 +131,8 @@ pub fn light(
     let (mut lightmap, mut state) = draft(Milestone::Final, &indirect.irradiance, indirect.squared_error);
 
     // What an audit finds wanting is gathered again, more finely.
-    while let Some(Refinement { tiles, error }) = observer.judge(&lightmap, &counts)? {
+    let probes = std::mem::take(&mut indirect.probes);
+    while let Some(Refinement { tiles, error }) = observer.judge(&lightmap, &probes, &counts)? {
         let mut wanted = vec![false; texels.len()];
         tiles.into_iter().for_each(|tile| wanted[tile.start as usize..tile.end as usize].fill(true));
         let settings = DirectSettings::for_error(error);

@@ -88,8 +88,9 @@ pub trait Observer {
     /// More was found. `draft` shows the lightmap as it is now, which takes some time; none where there is nothing to show.
     fn found(&mut self, _so_far: &FoundSoFar, _counts: &Counts, _draft: &mut dyn FnMut() -> Option<Draft>) {}
 
-    /// What is to be gathered again of a finished lightmap, if anything.
-    fn judge(&mut self, _lightmap: &Lightmap, _counts: &Counts) -> Result<Option<Refinement>, Cancelled> {
+    /// What is to be gathered again of a finished lightmap, if anything. `probes` are those of the gather that all texels
+    /// had, and tell what each took.
+    fn judge(&mut self, _: &Lightmap, _probes: &[(u32, Probe)], _: &Counts) -> Result<Option<Refinement>, Cancelled> {
         Ok(None)
     }
 }

@@ -6,6 +6,7 @@
 
 use super::observer::Refinement;
 use crate::audit::{Audit, Verdict};
+use crate::gather::Probe;
 use crate::output::report::RefinementFacts;
 use std::ops::Range;
 
@@ -13,17 +14,44 @@ use std::ops::Range;
 pub(super) const ROUNDS: usize = 2;
 /// Each aims for this share of the error that the one before aimed for.
 const STEP: f32 = 0.5;
-/// Rays that it casts for one of the bake.
+/// Times the rays for half the error.
 const COST: f64 = 4.0;
 /// Share of the squared error that it takes away.
 const GAIN: f64 = 0.75;
 /// Share of the target that is aimed for, so that the next audit has room to be certain.
 const MARGIN: f64 = 0.8;
 
-/// The tiles that bring the most error for their size, until what is left meets the target or `budget` is spent, the
-/// rays that may be cast as a share of those of the bake. None if the target is met or nothing can be done. `round`
-/// counts from 0.
-pub(super) fn worst_tiles(audit: &Audit, texels: usize, round: usize, budget: f64) -> Option<Refinement> {
+/// Rays that the bake has cast for every texel.
+pub(super) struct Costs {
+    /// Those of all texels before each; one more entry than texels.
+    before: Vec<f64>,
+}
+
+impl Costs {
+    /// Of so many texels, from the probes among them; the rest of `rays` is shared evenly.
+    pub(super) fn new(texels: usize, probes: &[(u32, Probe)], rays: u64) -> Self {
+        let gathered: f64 = probes.iter().map(|(_, probe)| f64::from(probe.rays)).sum();
+        let mut before = vec![0.0; texels + 1];
+        before[1..].fill((rays as f64 - gathered).max(0.0) / texels.max(1) as f64);
+        probes.iter().for_each(|(texel, probe)| before[*texel as usize + 1] += f64::from(probe.rays));
+        for i in 1..before.len() {
+            before[i] += before[i - 1];
+        }
+        Self { before }
+    }
+
+    fn of(&self, tile: &Range<u32>) -> f64 {
+        self.before[tile.end as usize] - self.before[tile.start as usize]
+    }
+
+    fn texels(&self) -> usize {
+        self.before.len() - 1
+    }
+}
+
+/// The tiles that bring the most error for what they cost, until what is left meets the target or a `budget` of rays is
+/// spent. None if the target is met or nothing can be done. `round` counts from 0.
+pub(super) fn worst_tiles(audit: &Audit, costs: &Costs, round: usize, budget: f64) -> Option<Refinement> {
     let is_met = match audit.verdict {
         Verdict::Met => true,
         Verdict::Uncertain => audit.error.value <= audit.target,
@@ -32,15 +60,15 @@ pub(super) fn worst_tiles(audit: &Audit, texels: usize, round: usize, budget: f6
     if is_met || round >= ROUNDS {
         return None;
     }
-    let mut tiles = audit.tiles(texels);
+    let mut tiles = audit.tiles(costs.texels());
     let mut left = audit.error.value.powi(2) - (MARGIN * audit.target).powi(2);
-    let density = |t: &(Range<u32>, f64)| t.1 / t.0.len().max(1) as f64;
+    let density = |t: &(Range<u32>, f64)| t.1 / costs.of(&t.0).max(1.0);
     tiles.sort_by(|a, b| density(b).total_cmp(&density(a)));
     let mut budget = budget;
     let worst = tiles.into_iter().take_while(|(tile, square)| {
         let is_wanted = left > 0.0 && *square > 0.0;
         left -= GAIN * square;
-        budget -= COST * tile.len() as f64 / texels as f64;
+        budget -= COST.powi(round as i32 + 1) * costs.of(tile);
         is_wanted && budget >= 0.0
     });
     let mut tiles: Vec<_> = worst.map(|(tile, _)| tile).collect();
@@ -93,31 +121,43 @@ mod tests {
         }
     }
 
+    /// One ray for each of 1000 texels.
+    fn costs() -> Costs {
+        Costs::new(1000, &[], 1000)
+    }
+
+    #[test]
+    fn texels_with_probes_cost_more() {
+        let probe = Probe { rays: 50, ..Probe::default() };
+        let costs = Costs::new(10, &[(3, probe), (9, probe)], 200);
+        assert_eq!((costs.of(&(0..3)), costs.of(&(3..4)), costs.of(&(0..10))), (30.0, 60.0, 200.0));
+    }
+
     #[test]
     fn the_worst_tiles_are_chosen_and_no_others() {
         let refinement =
-            worst_tiles(&audited(0.3, 0.02, Verdict::Missed), 1000, 0, 1.0).expect("the target was missed");
+            worst_tiles(&audited(0.3, 0.02, Verdict::Missed), &costs(), 0, 1000.0).expect("the target was missed");
         assert_eq!(refinement.error, 0.01);
         assert!(refinement.tiles.iter().all(|tile| tile.start >= 880), "{:?}", refinement.tiles);
         let chosen: usize = refinement.tiles.iter().map(|tile| tile.len()).sum();
         assert!((100..=130).contains(&chosen), "{chosen}");
-        let second = worst_tiles(&audited(0.3, 0.02, Verdict::Missed), 1000, 1, 1.0).expect("once more");
+        let second = worst_tiles(&audited(0.3, 0.02, Verdict::Missed), &costs(), 1, 1000.0).expect("once more");
         assert_eq!(second.error, 0.005);
     }
 
     #[test]
     fn the_budget_bounds_them() {
-        let some = worst_tiles(&audited(0.3, 0.02, Verdict::Missed), 1000, 0, 0.4).expect("there is a budget");
+        let some = worst_tiles(&audited(0.3, 0.02, Verdict::Missed), &costs(), 0, 400.0).expect("there is a budget");
         let chosen: usize = some.tiles.iter().map(|tile| tile.len()).sum();
         assert!(chosen > 0 && COST * chosen as f64 <= 400.0, "{chosen}");
-        assert!(worst_tiles(&audited(0.3, 0.02, Verdict::Missed), 1000, 0, 0.01).is_none());
-        assert!(worst_tiles(&audited(0.3, 0.02, Verdict::Missed), 1000, ROUNDS, 1.0).is_none());
+        assert!(worst_tiles(&audited(0.3, 0.02, Verdict::Missed), &costs(), 0, 10.0).is_none());
+        assert!(worst_tiles(&audited(0.3, 0.02, Verdict::Missed), &costs(), ROUNDS, 1000.0).is_none());
     }
 
     #[test]
     fn what_is_met_stays() {
-        assert!(worst_tiles(&audited(0.03, 0.02, Verdict::Met), 1000, 0, 1.0).is_none());
-        assert!(worst_tiles(&audited(0.03, 0.02, Verdict::Uncertain), 1000, 0, 1.0).is_none());
-        assert!(worst_tiles(&audited(0.3, 0.02, Verdict::Uncertain), 1000, 0, 1.0).is_some());
+        assert!(worst_tiles(&audited(0.03, 0.02, Verdict::Met), &costs(), 0, 1000.0).is_none());
+        assert!(worst_tiles(&audited(0.03, 0.02, Verdict::Uncertain), &costs(), 0, 1000.0).is_none());
+        assert!(worst_tiles(&audited(0.3, 0.02, Verdict::Uncertain), &costs(), 0, 1000.0).is_some());
     }
 }

@@ -146,11 +146,11 @@ pub fn indirect(
     irradiance.resize(texels.len(), Rgb::ZERO);
     let kept = kept.into_iter().collect();
     let mut state = State { source, atlas, texels, footprint, settings, probe_of, probes, kept };
-    let counter = Counter::new(progress, Stage::Gather, texels.len());
     let mut cells: Vec<Cell> = (0..atlas.charts.len()).flat_map(|c| state.lattice(c)).collect();
     if !wanted.is_empty() {
         cells.retain(|cell| state.owned(cell).iter().any(|&(t, _)| wanted[t as usize]));
     }
+    let counter = Counter::new(progress, Stage::Gather, cells.par_iter().map(|cell| state.owned(cell).len()).sum());
     let mut squared_error = 0.0;
     while !cells.is_empty() {
         let corners: Vec<[u32; 4]> = cells.par_iter().map(|c| state.corners(c)).collect();

@@ -6,7 +6,7 @@ use glam::Vec3;
 use lightkiln::accel::Accel;
 use lightkiln::atlas::{Atlas, Texels};
 use lightkiln::bake::{self, Counts, Draft, FoundSoFar, Observer, Refinement};
-use lightkiln::gather::Lightmap;
+use lightkiln::gather::{Lightmap, Probe};
 use lightkiln::output::Milestone;
 use lightkiln::output::report::StageClock;
 use lightkiln::progress::{Cancelled, Silent};
@@ -122,7 +122,13 @@ struct Picky {
 }
 
 impl Observer for Picky {
-    fn judge(&mut self, lightmap: &Lightmap, counts: &Counts) -> Result<Option<Refinement>, Cancelled> {
+    fn judge(
+        &mut self,
+        lightmap: &Lightmap,
+        probes: &[(u32, Probe)],
+        counts: &Counts,
+    ) -> Result<Option<Refinement>, Cancelled> {
+        assert!(!probes.is_empty());
         self.asked += 1;
         assert_eq!(counts.rays.contains_key("refine"), self.asked > 1);
         if self.asked > 1 {
