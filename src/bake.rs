@@ -1,23 +1,30 @@
 //! The order of the stages: scene file and settings → results on the disk.
 
+mod keeper;
 mod light;
-
-pub use light::{Counts, light};
+mod observer;
+mod preview;
+mod refine;
 mod results;
+
+pub use light::light;
+pub use observer::{Counts, Draft, Found, FoundSoFar, Observer, Refinement, Solution};
+pub use preview::{Preview, preview};
 
 use crate::accel::Accel;
 use crate::atlas::{self, AtlasError};
-use crate::audit::{self, AuditSettings};
 use crate::config::Settings;
-use crate::import::{self, ImportError};
+use crate::import::{self, ImportError, Imported};
+use crate::output::OutputError;
+use crate::output::checkpoint::{self, CheckpointError, Key};
 use crate::output::glb::GlbError;
 use crate::output::identity::scene_hash;
 pub use crate::output::report::Report;
-use crate::output::report::{SCHEMA, StageClock};
-use crate::output::{OutputError, process};
-use crate::post;
+use crate::output::report::StageClock;
 use crate::progress::{Cancelled, Progress, Stage};
-use results::Results;
+use crate::warning::Warning;
+use keeper::{Keeper, Pace};
+use results::{Findings, Results, Subject};
 use std::path::Path;
 use thiserror::Error;
 
@@ -33,6 +40,9 @@ pub enum BakeError {
     /// There is no layout for it.
     #[error(transparent)]
     Atlas(AtlasError),
+    /// A checkpoint cannot be used.
+    #[error(transparent)]
+    Checkpoint(#[from] CheckpointError),
     /// Results cannot be written.
     #[error(transparent)]
     Output(#[from] OutputError),
@@ -66,6 +76,7 @@ impl BakeError {
             Self::Cancelled(_) => "interrupted",
             Self::Import(_) => "import",
             Self::Atlas(_) => "atlas",
+            Self::Checkpoint(_) => "checkpoint",
             Self::Output(e) => e.code(),
             Self::Glb(_) => "lit_scene",
         }
@@ -74,57 +85,74 @@ impl BakeError {
 
 /// Bakes the scene in `path` and writes the results.
 pub fn bake(path: &Path, settings: &Settings, progress: &dyn Progress) -> Result<Report, BakeError> {
-    let mut clock = StageClock::start();
+    let clock = StageClock::start();
+    let folder = &settings.output.folder;
     let mut results = Results::open(path, settings)?;
 
-    let (mut imported, hash) = clock.measure(Stage::Import, || {
+    let (Imported { scene, document, mut warnings }, hash) = clock.measure(Stage::Import, || {
         let imported = import::load(path, &settings.import, progress)?;
         let hash = scene_hash(&imported.document);
         Ok::<_, ImportError>((imported, hash))
     })?;
-    imported.warnings.iter().for_each(|w| progress.warn(w));
-    let scene = &imported.scene;
+    if !settings.resume && checkpoint::exists(folder) {
+        let message = "an interrupted bake has left it, and it is not used: --resume goes on from it";
+        warnings.push(Warning::new("checkpoint_unused", "checkpoint.lk", message));
+    }
+    warnings.iter().for_each(|w| progress.warn(w));
+    let key = Key::new(&hash, settings.of_light());
+    let before: Option<(u32, Found)> = if settings.resume { checkpoint::read(folder, &key)? } else { None };
 
-    let (atlas, faults) = clock.measure(Stage::Atlas, || atlas::build(scene, &settings.atlas, progress))?;
+    let (atlas, faults) = clock.measure(Stage::Atlas, || atlas::build(&scene, &settings.atlas, progress))?;
     faults.iter().for_each(|w| progress.warn(w));
-    imported.warnings.extend(faults);
-    let texels = clock.measure(Stage::Texels, || atlas::rasterise(scene, &atlas, progress))?;
+    warnings.extend(faults);
+    let texels = clock.measure(Stage::Texels, || atlas::rasterise(&scene, &atlas, progress))?;
+    let accel = clock.measure(Stage::Accel, || Accel::build(&scene));
 
-    let accel = clock.measure(Stage::Accel, || Accel::build(scene));
-    let (mut lightmap, counts) = light(&accel, &atlas, &texels, settings.error, &mut clock, progress)?;
-    let irradiance = clock.measure(Stage::Post, || {
-        post::fill_unusable(&atlas, &texels, &mut lightmap.combined, &lightmap.usable);
-        post::finish(&atlas, &texels, scene, &lightmap.combined, &settings.post, progress)
-    })?;
-
-    let audit = match settings.audit.most_rays(counts.rays.values().sum()) {
-        Some(most_rays) => clock.measure(Stage::Audit, || {
-            let baked = post::at_texels(&atlas, &texels, &irradiance);
-            let seed = u32::from_str_radix(hash.get(..8).unwrap_or_default(), 16).unwrap_or_default();
-            let settings = AuditSettings { target: settings.error, most_rays, seed };
-            audit::audit(&accel, &atlas, &texels, &lightmap.usable, &baked, &settings, progress)
-        })?,
-        None => None,
+    let subject = Subject {
+        path,
+        hash: &hash,
+        document: &document,
+        scene: &scene,
+        atlas: &atlas,
+        texels: &texels,
+        layout: texels.fingerprint(),
+        settings,
     };
-
-    let pages = clock.measure(Stage::Output, || {
-        results.write_pages(&mut imported, &hash, (&atlas, &texels), &irradiance, settings, progress)
-    })?;
-    let mut report = Report {
-        schema: SCHEMA,
-        version: env!("CARGO_PKG_VERSION"),
-        scene: results::scene_facts(&imported, path, hash),
-        settings: settings.facts(),
-        stages: clock.stages().to_vec(),
-        total: clock.total(),
-        rays: counts.rays,
-        solver: counts.solver,
-        atlas: results::atlas_facts(&atlas, &texels, &pages),
-        audit,
-        memory_peak_bytes: process::peak_memory(),
-        warnings: imported.warnings,
-        outputs: Vec::new(),
+    if before.as_ref().is_some_and(|(layout, _)| *layout != subject.layout) {
+        return Err(CheckpointError::Layout(checkpoint::path(folder)).into());
+    }
+    let mut keeper = Keeper {
+        subject: &subject,
+        results: &mut results,
+        clock: &clock,
+        progress,
+        warnings: &mut warnings,
+        before: before.map(|(_, found)| found),
+        states: settings.progressive.then(Pace::of_states),
+        accel: &accel,
+        judged: None,
+        refinements: Vec::new(),
+        checkpoints: settings.checkpoint.map(|every| (Pace::every(every), key)),
     };
-    results.finish(&mut report, &pages, progress)?;
+    let (lightmap, state, counts) = if settings.preview {
+        let Preview { lightmap, state, counts, .. } = preview(&accel, &atlas, &texels, &clock, progress)?;
+        // It is judged, if that is asked for, but stays what it is.
+        keeper.judge(&lightmap, &[], &counts)?;
+        keeper.refinements.clear();
+        (lightmap, state, counts)
+    } else {
+        let first = keeper.first_look()?;
+        light(&accel, &atlas, &texels, settings.error, first.as_ref(), &mut keeper, &clock, progress)?
+    };
+    let (irradiance, audit) = match keeper.judged.take() {
+        Some(judged) => judged,
+        None => (keeper.finish(&lightmap)?, None),
+    };
+    let refinements = keeper.refinements;
+    let findings = Findings { state, counts, audit, refinements, warnings };
+    let report = results.publish(&subject, &irradiance, findings, &clock, progress)?;
+    if settings.checkpoint.is_some() {
+        checkpoint::remove(folder);
+    }
     Ok(report)
 }

@@ -1,85 +1,86 @@
 //! The order of the lighting stages: resolved scene and texels → irradiance.
 
+use super::keeper::REFINE;
+use super::observer::{Counts, FoundSoFar, Observer, Refinement, Solution};
 use crate::accel::Accel;
 use crate::atlas::{Atlas, Texels};
 use crate::gather::{
-    self, CellSettings, DirectSettings, Emission, Footprint, Lamp, Lamps, Lightmap, LitScene, Portals, ProbeSettings,
-    Source,
+    self, CellSettings, DirectSettings, Emission, Footprint, GatherStart, Gathering, Lamp, Lamps, Lightmap, LitScene,
+    Portals, ProbeSettings, Smooth, Source,
 };
 use crate::hierarchy::{self, Hierarchy, Side, Surface, Surfels};
-use crate::output::report::{SolverFacts, StageClock};
+use crate::output::report::StageClock;
+use crate::output::{Milestone, State};
 use crate::progress::{Cancelled, Progress, Stage};
 use crate::scene::{Rgb, Scene};
 use crate::solve::{self, Elements, SolveSettings};
 use crate::transport::Exchange;
 use glam::Vec3;
-use std::collections::BTreeMap;
 use std::f32::consts::PI;
 
+/// Texels along a side of an element.
+const ELEMENT_SIDE: u32 = 4;
 /// Rays per element that look for backs of double-sided surfaces.
 const BACK_RAYS: u32 = 16;
 /// Rays per element that count what it sees.
 const SURVEY_RAYS: u32 = 64;
 /// Shadow rays per lamp of an element that has no texels of its own.
 const ELEMENT_RAYS: u32 = 16;
+/// Rays per element of the first bounce.
+const BOUNCE_RAYS: usize = 64;
 
 /// Share of the scene's mean irradiance below which errors of a texel count as if it were that bright.
 const FLOOR: f32 = 0.25;
 /// Most rays that one probe casts for an error of 2 %.
 const MOST_RAYS: f32 = 1800.0;
 
-/// What the lighting stages did.
-#[derive(Clone, Debug, Default)]
-pub struct Counts {
-    /// Sizes of the radiosity system and of the gather.
-    pub solver: SolverFacts,
-    /// Rays by purpose.
-    pub rays: BTreeMap<String, u64>,
-}
-
-/// Irradiance of every texel to within about `error` (relative RMSE).
+/// Irradiance of every texel to within about `error` (relative RMSE). `first` is what is known of all but direct light
+/// before it is solved, for drafts.
 pub fn light(
     accel: &Accel,
     atlas: &Atlas,
     texels: &Texels,
     error: f32,
-    clock: &mut StageClock,
+    first: Option<&Smooth>,
+    observer: &mut dyn Observer,
+    clock: &StageClock,
     progress: &dyn Progress,
-) -> Result<(Lightmap, Counts), Cancelled> {
+) -> Result<(Lightmap, State, Counts), Cancelled> {
     let mut counts = Counts::default();
     let scene = accel.scene();
+    let before = observer.found_before();
     let footprint = clock.measure(Stage::Texels, || Footprint::new(accel, atlas, texels, progress))?;
+    let usable: Vec<bool> = (0..texels.len() as u32).map(|t| !footprint.is_hidden(t)).collect();
 
-    let (emission, mut lamps) = gather::classify(scene);
-    lamps.extend(scene.lights.iter().map(Lamp::new));
-    lamps.extend(Lamp::of_environment(&scene.environment));
+    let (emission, lamps) = lamps(scene);
     let portals = clock.measure(Stage::Direct, || Portals::find(accel, &footprint, texels.len() as u32, progress))?;
-    let lamps = Lamps::new(lamps, portals, &accel);
+    let lamps = Lamps::new(lamps, portals, accel);
     let direct_settings = DirectSettings::for_error(error);
-    let direct = clock.measure(Stage::Direct, || {
-        gather::texel_direct(&lamps, atlas, texels, &footprint, &direct_settings, progress)
+    let direct = clock.measure(Stage::Direct, || match before.direct {
+        Some(direct) => Ok(direct),
+        None => gather::texel_direct(&lamps, atlas, texels, &footprint, &direct_settings, progress),
     })?;
     counts.rays.insert("shadow".into(), direct.rays);
+    // What is drafted: direct light as it is by now, and the rest with its squared error.
+    let draft = |reached: Milestone, rest: &[Rgb], squares: f64| {
+        let combined: Vec<Rgb> = direct.irradiance.iter().zip(rest).map(|(&d, &i)| d + i).collect();
+        let squares = squares + f64::from(direct.noise).powi(2) * texels.len() as f64;
+        let state = State { reached, predicted_error: relative(squares, &combined) };
+        (Lightmap { direct: direct.irradiance.clone(), combined, usable: usable.clone() }, state)
+    };
+    let all = |change: f32| f64::from(change).powi(2) * texels.len() as f64;
+    observer.found(&FoundSoFar { direct: Some(&direct), solution: None, probes: &[] }, &counts, &mut || {
+        let rest = first?;
+        Some(draft(Milestone::Direct, &rest.irradiance, all(rest.change)).into())
+    });
 
-    let (surfels, tree, elements, guess) = clock.measure(Stage::Solve, || {
-        let surfels = Surfels::new(scene, atlas, texels, footprint.covered(), footprint.parted(), footprint.crossed());
-        let tree = hierarchy(accel, atlas, &surfels, progress)?;
-        let elements = elements(scene, atlas, &surfels, &tree, &emission, &lamps, &direct.irradiance);
-        let sky = |position: Vec3, normal: Vec3, direction: Vec3, solid_angle: f32| {
-            lamps.screen(position, normal).sky(position, direction, solid_angle)
-        };
-        let survey = solve::survey(accel, &surfels, &tree, sky, SURVEY_RAYS, progress)?;
-        let exchange = Exchange { hierarchy: &tree, surfels: &surfels, accel: &accel };
-        let solution = solve::solve(&exchange, &elements, &survey, &SolveSettings::for_error(error), progress)?;
-        counts.solver.nodes = tree.nodes.len() as u64;
-        counts.solver.elements = tree.elements.len() as u64;
-        counts.solver.links = solution.links.len() as u64;
-        counts.solver.iterations = solution.iterations;
-        counts.rays.insert("link".into(), solution.rays);
-        counts.rays.insert("survey".into(), survey.rays + (BACK_RAYS as usize * tree.elements.len()) as u64);
-        Ok((surfels, tree, elements, solution.irradiance))
+    let surfels = Surfels::new(scene, atlas, texels, footprint.covered(), footprint.parted(), footprint.crossed());
+    let (tree, backs, elements) = clock.measure(Stage::Solve, || {
+        let known = before.solution.as_ref().map(|s| s.backs.as_slice());
+        let (tree, backs) = hierarchy(accel, atlas, &surfels, (ELEMENT_SIDE, BACK_RAYS), known, progress)?;
+        let elements = elements(scene, atlas, &surfels, &tree, &emission, &lamps, &direct.irradiance, ELEMENT_RAYS);
+        Ok((tree, backs, elements))
     })?;
-
     let shut = gather::shut_texels(&surfels, &tree);
     let lit = LitScene {
         accel,
@@ -93,19 +94,100 @@ pub fn light(
         element_direct: &elements.direct,
         shut: &shut,
     };
-    let bounce = clock.measure(Stage::Solve, || gather::bounce(lit, &elements.reflectance, guess, progress))?;
-    counts.rays.insert("bounce".into(), bounce.rays);
+    let solution = match before.solution {
+        Some(solution) => solution,
+        None => clock.measure(Stage::Solve, || solution(&lit, &elements, backs, error, progress))?,
+    };
+    counts.solver = solution.counts.solver;
+    counts.rays.extend(solution.counts.rays.clone());
+    let bounce = &solution.bounce;
+    let rest = match observer.wants_drafts() {
+        true => Some(gather::smooth(atlas, texels, &tree, &bounce.irradiance, ELEMENT_SIDE, progress)?),
+        false => None,
+    };
+    let solved = FoundSoFar { direct: Some(&direct), solution: Some(&solution), probes: &[] };
+    observer.found(&solved, &counts, &mut || {
+        let rest = rest.as_ref()?;
+        Some(draft(Milestone::Solution, &rest.irradiance, all(rest.change)).into())
+    });
 
-    let indirect = clock.measure(Stage::Gather, || {
-        let source = Source::new(lit, &bounce.irradiance, Some(&bounce.guide));
-        let floor = FLOOR * mean(texels, &direct.irradiance, &tree, &bounce.irradiance);
-        gather::indirect(&source, atlas, texels, &footprint, &cell_settings(error, floor), progress)
+    let source = Source::new(lit, &bounce.irradiance, Some(&bounce.guide));
+    let floor = FLOOR * mean(texels, &direct.irradiance, &tree, &bounce.irradiance);
+    let start = GatherStart { probes: before.probes, ..GatherStart::default() };
+    let mut indirect = clock.measure(Stage::Gather, || {
+        let mut watch = |gathering: &Gathering| {
+            let so_far = FoundSoFar { probes: gathering.probes(), ..solved };
+            observer.found(&so_far, &counts, &mut || {
+                let rest = rest.as_ref()?;
+                let (irradiance, squares) = gathering.draft(&rest.irradiance, rest.change);
+                Some(draft(Milestone::Gather, &irradiance, squares).into())
+            });
+        };
+        let settings = cell_settings(error, floor);
+        gather::indirect(&source, atlas, texels, &footprint, &settings, start, &mut watch, progress)
     })?;
-    counts.solver.probes = indirect.probes as u64;
+    counts.solver.probes = indirect.probes.len() as u64;
     counts.rays.insert("gather".into(), indirect.rays);
-    let combined = direct.irradiance.iter().zip(&indirect.irradiance).map(|(&d, &i)| d + i).collect();
-    let usable = (0..texels.len() as u32).map(|t| !footprint.is_hidden(t)).collect();
-    Ok((Lightmap { direct: direct.irradiance, combined, usable }, counts))
+    let (mut lightmap, mut state) = draft(Milestone::Final, &indirect.irradiance, indirect.squared_error);
+
+    // What an audit finds wanting is gathered again, more finely.
+    let probes = std::mem::take(&mut indirect.probes);
+    while let Some(Refinement { tiles, error }) = observer.judge(&lightmap, &probes, &counts)? {
+        let mut wanted = vec![false; texels.len()];
+        tiles.into_iter().for_each(|tile| wanted[tile.start as usize..tile.end as usize].fill(true));
+        let settings = DirectSettings::for_error(error);
+        let own = &mut lightmap.direct;
+        let cast = clock.measure(Stage::Direct, || {
+            gather::closer_direct(&lamps, texels, &footprint, &settings, &wanted, own, progress)
+        })?;
+        let kept = 1.0 - wanted.iter().filter(|&&w| w).count() as f64 / texels.len() as f64;
+        let squares = kept * indirect.squared_error;
+        let start = GatherStart { irradiance: indirect.irradiance, wanted, probes: Vec::new() };
+        indirect = clock.measure(Stage::Gather, || {
+            let settings = cell_settings(error, floor);
+            gather::indirect(&source, atlas, texels, &footprint, &settings, start, &mut |_| (), progress)
+        })?;
+        indirect.squared_error += squares;
+        *counts.rays.entry(REFINE.into()).or_default() += cast + indirect.rays;
+        counts.solver.probes += indirect.probes.len() as u64;
+        state = draft(Milestone::Final, &indirect.irradiance, indirect.squared_error).1;
+        lightmap.combined = lightmap.direct.iter().zip(&indirect.irradiance).map(|(&d, &i)| d + i).collect();
+    }
+    Ok((lightmap, state, counts))
+}
+
+/// A root mean square as a share of the mean of `irradiance`, from the sum of squares of all texels.
+pub(super) fn relative(squares: f64, irradiance: &[Rgb]) -> f64 {
+    let count = irradiance.len().max(1) as f64;
+    let mean = irradiance.iter().map(|e| f64::from(e.element_sum()) / 3.0).sum::<f64>() / count;
+    if mean > 0.0 { (squares / count).sqrt() / mean } else { 0.0 }
+}
+
+/// The radiosity solution: links first, then hits of rays.
+fn solution(
+    lit: &LitScene,
+    elements: &Elements,
+    backs: Vec<bool>,
+    error: f32,
+    progress: &dyn Progress,
+) -> Result<Solution, Cancelled> {
+    let LitScene { accel, surfels, hierarchy: tree, lamps, .. } = *lit;
+    let sky = |position: Vec3, normal: Vec3, direction: Vec3, solid_angle: f32| {
+        lamps.screen(position, normal).sky(position, direction, solid_angle)
+    };
+    let survey = solve::survey(accel, surfels, tree, sky, SURVEY_RAYS, progress)?;
+    let exchange = Exchange { hierarchy: tree, surfels, accel };
+    let linked = solve::solve(&exchange, elements, &survey, &SolveSettings::for_error(error), progress)?;
+    let bounce = gather::bounce(*lit, &elements.reflectance, linked.irradiance, BOUNCE_RAYS, progress)?;
+    let mut counts = Counts::default();
+    counts.solver.nodes = tree.nodes.len() as u64;
+    counts.solver.elements = tree.elements.len() as u64;
+    counts.solver.links = linked.links.len() as u64;
+    counts.solver.iterations = linked.iterations;
+    counts.rays.insert("link".into(), linked.rays);
+    counts.rays.insert("survey".into(), survey.rays + (BACK_RAYS as usize * tree.elements.len()) as u64);
+    counts.rays.insert("bounce".into(), bounce.rays);
+    Ok(Solution { backs, bounce, counts })
 }
 
 /// How finely the final gather works for a relative error of the lightmap.
@@ -116,16 +198,37 @@ fn cell_settings(error: f32, floor: f32) -> CellSettings {
     CellSettings { tolerance: 0.5 * error, floor, probe }
 }
 
-/// The hierarchy over all fronts, and over those backs that something sees.
-fn hierarchy(accel: &Accel, atlas: &Atlas, surfels: &Surfels, progress: &dyn Progress) -> Result<Hierarchy, Cancelled> {
-    let surfaces: Vec<Surface> = surfels.surfaces(atlas);
-    let fronts = hierarchy::build(surfels, &surfaces, &vec![false; surfaces.len()]);
-    let backs = solve::hidden_backs(accel, atlas, surfels, &fronts, &surfaces, BACK_RAYS, progress)?;
-    Ok(if backs.contains(&true) { hierarchy::build(surfels, &surfaces, &backs) } else { fronts })
+/// Which emission rays meet, and all lamps: those of the scene, emitters that are sent like lamps, and bright parts of
+/// the sky.
+pub(super) fn lamps(scene: &Scene) -> (Emission, Vec<Lamp>) {
+    let (emission, mut lamps) = gather::classify(scene);
+    lamps.extend(scene.lights.iter().map(Lamp::new));
+    lamps.extend(Lamp::of_environment(&scene.environment));
+    (emission, lamps)
 }
 
-/// What every element reflects and sends before any exchange.
-fn elements(
+/// The hierarchy over all fronts, and over those backs that something sees by so many rays from every element, unless
+/// it is known which these are. With the backs.
+pub(super) fn hierarchy(
+    accel: &Accel,
+    atlas: &Atlas,
+    surfels: &Surfels,
+    (side, rays): (u32, u32),
+    known: Option<&[bool]>,
+    progress: &dyn Progress,
+) -> Result<(Hierarchy, Vec<bool>), Cancelled> {
+    let surfaces: Vec<Surface> = surfels.surfaces(atlas);
+    let build = |backs: &[bool]| hierarchy::build(surfels, &surfaces, backs, side);
+    if let Some(backs) = known {
+        return Ok((build(backs), backs.to_vec()));
+    }
+    let fronts = build(&vec![false; surfaces.len()]);
+    let backs = solve::hidden_backs(accel, atlas, surfels, &fronts, &surfaces, rays, progress)?;
+    Ok((if backs.contains(&true) { build(&backs) } else { fronts }, backs))
+}
+
+/// What every element reflects and sends before any exchange. Elements without texels cast `rays` at every lamp.
+pub(super) fn elements(
     scene: &Scene,
     atlas: &Atlas,
     surfels: &Surfels,
@@ -133,6 +236,7 @@ fn elements(
     emission: &Emission,
     lamps: &Lamps,
     direct: &[Rgb],
+    rays: u32,
 ) -> Elements {
     let mean = |f: &dyn Fn(u32) -> Rgb| -> Vec<Rgb> {
         let of = |range: std::ops::Range<u32>| {
@@ -159,7 +263,7 @@ fn elements(
     Elements {
         reflectance: mean(&|s| surfels.reflectance(s)),
         emittance,
-        direct: gather::element_direct(lamps, surfels, &tree.elements, direct, ELEMENT_RAYS),
+        direct: gather::element_direct(lamps, surfels, &tree.elements, direct, rays),
     }
 }
 

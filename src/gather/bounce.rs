@@ -11,17 +11,17 @@ use crate::math::{Sequence, cosine_hemisphere, hash2};
 use crate::progress::{Cancelled, Progress};
 use crate::scene::Rgb;
 use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
 use std::f32::consts::PI;
 use std::ops::Range;
 
-/// Rays per element.
-const RAYS: u32 = 64;
 /// Iterations. What leaked into a closed dark room fades as its reflectance to this power.
 const ITERATIONS: usize = 32;
 /// Marks a ray that met nothing which reflects.
 const NOTHING: u32 = u32::MAX;
 
 /// What the rays of the first bounce tell.
+#[derive(Serialize, Deserialize)]
 pub struct Bounce {
     /// Irradiance of every receiver (elements, then shut texels) from everything but lamps, W/m².
     pub irradiance: Vec<Rgb>,
@@ -31,12 +31,13 @@ pub struct Bounce {
     pub rays: u64,
 }
 
-/// Irradiance of every receiver from everything but lamps. `reflectance` and `guess` (W/m²) belong to the elements; the
-/// result is close to the fixed point whatever the guess.
+/// Irradiance of every receiver from everything but lamps, by `rays` rays each. `reflectance` and `guess` (W/m²) belong
+/// to the elements; the result is close to the fixed point whatever the guess.
 pub fn bounce(
     lit: LitScene,
     reflectance: &[Rgb],
     guess: Vec<Rgb>,
+    rays: usize,
     progress: &dyn Progress,
 ) -> Result<Bounce, Cancelled> {
     let LitScene { surfels, hierarchy: tree, shut, .. } = lit;
@@ -44,15 +45,15 @@ pub fn bounce(
     let count = elements + shut.len();
     let mut fixed = vec![Rgb::ZERO; count];
     let direct_only = Source::new(lit, &fixed, None);
-    let mut hits = vec![NOTHING; count * RAYS as usize];
+    let mut hits = vec![NOTHING; count * rays];
     let groups = Guide::groups(tree);
     let (fixed_elements, fixed_shut) = fixed.split_at_mut(elements);
-    let (hits_elements, hits_shut) = hits.split_at_mut(elements * RAYS as usize);
-    let hot = tasks(&groups, fixed_elements, hits_elements)
+    let (hits_elements, hits_shut) = hits.split_at_mut(elements * rays);
+    let hot = tasks(&groups, fixed_elements, hits_elements, rays)
         .into_par_iter()
         .map(|Task { elements, fixed, hits }| {
             let mut glances = Vec::with_capacity(hits.len());
-            for ((e, fixed), hits) in elements.zip(fixed).zip(hits.chunks_mut(RAYS as usize)) {
+            for ((e, fixed), hits) in elements.zip(fixed).zip(hits.chunks_mut(rays)) {
                 let node = tree.elements[e as usize].node;
                 let from = |u| tree.sample(surfels, node, u);
                 *fixed = cast(&direct_only, hash2(e, 0xe1e3), from, hits, |glance| glances.push(glance));
@@ -60,7 +61,7 @@ pub fn bounce(
             if progress.is_cancelled() { Err(Cancelled) } else { Ok(Guide::bright(&glances)) }
         })
         .collect::<Result<_, Cancelled>>()?;
-    fixed_shut.par_iter_mut().zip(hits_shut.par_chunks_mut(RAYS as usize)).zip(shut).try_for_each(
+    fixed_shut.par_iter_mut().zip(hits_shut.par_chunks_mut(rays)).zip(shut).try_for_each(
         |((fixed, hits), &texel)| {
             let from = |_| (texel, Side::Front);
             *fixed = cast(&direct_only, hash2(texel, 0x5407), from, hits, |_| ());
@@ -73,9 +74,9 @@ pub fn bounce(
     irradiance.resize(count, Rgb::ZERO);
     for _ in 0..ITERATIONS {
         let sent: Vec<Rgb> = irradiance.iter().zip(&reflectance).map(|(&e, &r)| e * r).collect();
-        irradiance.par_iter_mut().zip(&fixed).zip(hits.par_chunks(RAYS as usize)).for_each(|((e, &fixed), hits)| {
+        irradiance.par_iter_mut().zip(&fixed).zip(hits.par_chunks(rays)).for_each(|((e, &fixed), hits)| {
             let met = hits.iter().filter(|&&h| h != NOTHING);
-            *e = fixed + met.map(|&h| sent[h as usize]).sum::<Rgb>() / RAYS as f32;
+            *e = fixed + met.map(|&h| sent[h as usize]).sum::<Rgb>() / rays as f32;
         });
         if progress.is_cancelled() {
             return Err(Cancelled);
@@ -92,11 +93,11 @@ struct Task<'a> {
 }
 
 /// Cuts the results of all elements by group.
-fn tasks<'a>(groups: &[Range<u32>], mut fixed: &'a mut [Rgb], mut hits: &'a mut [u32]) -> Vec<Task<'a>> {
+fn tasks<'a>(groups: &[Range<u32>], mut fixed: &'a mut [Rgb], mut hits: &'a mut [u32], rays: usize) -> Vec<Task<'a>> {
     let mut tasks = Vec::with_capacity(groups.len());
     for elements in groups.iter().cloned() {
         let (of_group, rest) = fixed.split_at_mut(elements.len());
-        let (hits_of_group, more_hits) = hits.split_at_mut(elements.len() * RAYS as usize);
+        let (hits_of_group, more_hits) = hits.split_at_mut(elements.len() * rays);
         tasks.push(Task { elements, fixed: of_group, hits: hits_of_group });
         (fixed, hits) = (rest, more_hits);
     }
@@ -113,16 +114,17 @@ fn cast(
     mut glance: impl FnMut(Glance),
 ) -> Rgb {
     let sequence = Sequence::new(seed);
+    let rays = hits.len() as f32;
     let mut sum = Rgb::ZERO;
     for (i, hit) in hits.iter_mut().enumerate() {
         let (surfel, side) = from(sequence.second(i as u32).x);
         let Start { origin, normal, screen } = source.start(surfel, side);
         let direction = cosine_hemisphere(normal, sequence.first(i as u32));
-        let solid_angle = PI / (RAYS as f32 * direction.dot(normal).max(0.05));
+        let solid_angle = PI / (rays * direction.dot(normal).max(0.05));
         let seen = source.look(origin, direction, solid_angle, screen);
         sum += seen.radiance;
         glance((direction, seen.radiance.element_sum() / 3.0));
         *hit = seen.receiver.unwrap_or(NOTHING);
     }
-    sum * (PI / RAYS as f32)
+    sum * (PI / rays)
 }

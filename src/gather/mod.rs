@@ -16,12 +16,13 @@ mod probe;
 mod region;
 mod secondary;
 mod sending;
+mod smooth;
 mod source;
 mod visibility;
 
 pub use bounce::{Bounce, bounce};
-pub use cells::{CellSettings, indirect};
-pub use direct::{Direct, DirectSettings, element_direct, texel_direct};
+pub use cells::{CellSettings, Gathering, Start as GatherStart, indirect};
+pub use direct::{Direct, DirectSettings, closer_direct, element_direct, element_sky, texel_direct};
 pub use emitters::{Emission, classify};
 pub use footprint::Footprint;
 pub use guide::Guide;
@@ -29,6 +30,7 @@ pub use lamp::Lamp;
 pub use lit_scene::{LitScene, shut_texels};
 pub use openings::Portals;
 pub use probe::{Probe, ProbeSettings};
+pub use smooth::{Smooth, smooth};
 pub use source::Source;
 pub use visibility::Lamps;
 

@@ -13,6 +13,7 @@ use crate::hierarchy::Side;
 use crate::math::{Sequence, cosine_hemisphere, hash2};
 use crate::scene::Rgb;
 use glam::{Vec2, Vec3};
+use serde::{Deserialize, Serialize};
 use std::f32::consts::PI;
 
 /// Strata along a side of the square that maps to the hemisphere.
@@ -41,7 +42,7 @@ pub struct ProbeSettings {
 }
 
 /// Irradiance at a texel, with what is needed to judge how far it reaches.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
 pub struct Probe {
     /// W/m².
     pub irradiance: Rgb,

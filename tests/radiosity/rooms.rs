@@ -130,9 +130,9 @@ pub(crate) fn laid_out(scene: &Scene, texels_per_metre: f32) -> (Atlas, Texels) 
 
 pub(crate) fn baked(scene: &Scene, texels_per_metre: f32, error: f32) -> Baked {
     let (atlas, texels) = laid_out(scene, texels_per_metre);
-    let mut clock = StageClock::start();
-    let (light, _) =
-        bake::light(&Accel::build(scene), &atlas, &texels, error, &mut clock, &Silent).expect("nobody cancels");
+    let (accel, clock) = (Accel::build(scene), StageClock::start());
+    let (light, ..) =
+        bake::light(&accel, &atlas, &texels, error, None, &mut (), &clock, &Silent).expect("nobody cancels");
     Baked { atlas, texels, light }
 }
 
