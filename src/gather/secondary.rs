@@ -3,12 +3,13 @@
 //! A patch of sun on the floor or the walls of a skylight's shaft light whole rooms and fill little of the view from
 //! anywhere in them. Rays that look all around find them by chance; rays that are aimed at them do not miss them.
 //! Based on: Shirley, Wang, Zimmerman, "Monte Carlo Techniques for Direct Lighting Calculations", 1996 (sources drawn by
-//! an estimate of what they bring); Ward and others' practice of treating bright indirect sources as secondary lamps.
+//! an estimate of what they bring).
 
 use crate::hierarchy::{Hierarchy, Side, Surfels};
 use crate::math::Distribution;
 use crate::scene::Rgb;
 use glam::Vec3;
+use std::f32::consts::FRAC_PI_2;
 
 /// Times the mean radiance from which on an element is a source of its own.
 const BRIGHT: f32 = 4.0;
@@ -34,8 +35,10 @@ struct Bright {
     element: u32,
     centre: Vec3,
     radius: f32,
-    /// Unit.
+    /// Mean normal, unit.
     normal: Vec3,
+    /// Sine of the largest angle to it among its normals; 1 from 90° on.
+    bend: f32,
     /// Radiance × area, mean of channels, W/sr.
     strength: f32,
 }
@@ -46,9 +49,8 @@ impl Bright {
         self.centre.distance_squared(p) > (NEAR * self.radius).powi(2)
     }
 
-    /// About what it brings to a receiver at `p` with unit normal `n` if nothing blocks, W/m²; zero only if it brings
-    /// nothing.
-    fn estimate(&self, p: Vec3, n: Vec3) -> f32 {
+    /// About what it brings to a receiver if nothing blocks, W/m²; zero only if it brings nothing.
+    fn estimate(&self, &Receiver { position: p, normal: n, bend }: &Receiver) -> f32 {
         let v = self.centre - p;
         let d2 = v.length_squared();
         if d2 <= (NEAR * self.radius).powi(2) {
@@ -57,9 +59,18 @@ impl Bright {
         let d = d2.sqrt();
         // Some of it may face the receiver although its middle does not.
         let blur = self.radius / d;
-        let cosine = |c: f32| (c / d + blur).clamp(0.0, 1.0);
-        self.strength * cosine(n.dot(v)) * cosine(-self.normal.dot(v)) / d2
+        let cosine = |c: f32, bend: f32| (c / d + blur + bend).clamp(0.0, 1.0);
+        self.strength * cosine(n.dot(v), bend) * cosine(-self.normal.dot(v), self.bend) / d2
     }
+}
+
+/// A texel that sources are sent to.
+pub(super) struct Receiver {
+    pub(super) position: Vec3,
+    /// Unit.
+    pub(super) normal: Vec3,
+    /// Sine of the largest angle to it among the texel's normals.
+    pub(super) bend: f32,
 }
 
 /// The sources as one receiver sees them.
@@ -77,7 +88,7 @@ pub(super) struct Sender {
 
 impl Secondary {
     /// Picks the elements that stand out by their `radiance`, W/(m²·sr).
-    pub(super) fn new(tree: &Hierarchy, surfels: &Surfels, radiance: &[Rgb]) -> Self {
+    pub(super) fn new(tree: &Hierarchy, radiance: &[Rgb]) -> Self {
         let area = |e: usize| tree.nodes[tree.elements[e].node as usize].area;
         let level = |e: usize| radiance[e].element_sum() / 3.0;
         let total: f32 = (0..radiance.len()).map(area).sum();
@@ -101,11 +112,10 @@ impl Secondary {
             .enumerate()
             .map(|(i, &element)| {
                 index[element as usize] = i as u32;
-                let e = &tree.elements[element as usize];
-                let node = &tree.nodes[e.node as usize];
+                let node = &tree.nodes[tree.elements[element as usize].node as usize];
                 let strength = level(element as usize) * node.area;
-                let normal = tree.normal(surfels, e.surfels.start + (e.surfels.len() / 2) as u32, e.side);
-                Bright { element, centre: node.centre(), radius: node.radius(), normal, strength }
+                let bend = if node.cone < FRAC_PI_2 { node.cone.sin() } else { 1.0 };
+                Bright { element, centre: node.centre(), radius: node.radius(), normal: node.axis, bend, strength }
             })
             .collect();
         Self { sources, index }
@@ -119,9 +129,9 @@ impl Secondary {
         }
     }
 
-    /// The sources that a receiver at `p` with unit normal `n` may see.
-    pub(super) fn senders(&self, p: Vec3, n: Vec3) -> Senders {
-        Senders { draw: Distribution::new(self.sources.iter().map(|s| f64::from(s.estimate(p, n)))) }
+    /// The sources that a receiver may see.
+    pub(super) fn senders(&self, receiver: &Receiver) -> Senders {
+        Senders { draw: Distribution::new(self.sources.iter().map(|s| f64::from(s.estimate(receiver)))) }
     }
 
     /// A surfel drawn by `u` in 0..1 from what a receiver may see, where `radiance` is what surfels send, mean of

@@ -2,6 +2,7 @@
 
 use super::footprint::Footprint;
 use super::lit_scene::LitScene;
+use super::secondary::Receiver;
 use super::source::Source;
 use crate::accel::{Ray, offset_origin};
 use crate::hierarchy::Side;
@@ -30,7 +31,10 @@ impl Source<'_> {
         let LitScene { accel, surfels, hierarchy, .. } = self.lit;
         let centre = footprint.centre(texel);
         let Some(secondary) = &self.secondary else { return Arrived::default() };
-        let senders = secondary.senders(centre.position, centre.shading_normal);
+        // The normals of a bent texel are not known one by one: it may see all around.
+        let bend = if footprint.is_bent(texel) { 1.0 } else { 0.0 };
+        let receiver = Receiver { position: centre.position, normal: centre.shading_normal, bend };
+        let senders = secondary.senders(&receiver);
         let total = senders.total();
         if total <= 0.0 {
             return Arrived::default();

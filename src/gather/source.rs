@@ -141,7 +141,7 @@ impl<'a> Source<'a> {
             .unzip();
         // Only probes have them sent; not through what hides reflected light and no lamp.
         let casts_shadows = lit.accel.scene().instances.iter().all(|i| i.casts_shadows);
-        let secondary = guide.filter(|_| casts_shadows).map(|_| Secondary::new(hierarchy, surfels, &elements));
+        let secondary = guide.filter(|_| casts_shadows).map(|_| Secondary::new(hierarchy, &elements));
         Self { lit, guide, secondary, front, elements, areas }
     }
 
