@@ -17,6 +17,7 @@ use crate::output::report::{SCHEMA, StageClock};
 use crate::output::{OutputError, process};
 use crate::post;
 use crate::progress::{Cancelled, Progress, Stage};
+use crate::scene::LightGroups;
 use results::Results;
 use std::path::Path;
 use thiserror::Error;
@@ -91,7 +92,8 @@ pub fn bake(path: &Path, settings: &Settings, progress: &dyn Progress) -> Result
     let texels = clock.measure(Stage::Texels, || atlas::rasterise(scene, &atlas, progress))?;
 
     let accel = clock.measure(Stage::Accel, || Accel::build(scene));
-    let (mut lightmap, counts) = light(&accel, &atlas, &texels, settings.error, &mut clock, progress)?;
+    let groups = if settings.output.groups { LightGroups::named(scene) } else { LightGroups::none(scene) };
+    let (mut lightmap, counts) = light(&accel, &atlas, &texels, &groups, settings.error, &mut clock, progress)?;
     let irradiance = clock.measure(Stage::Post, || {
         post::fill_unusable(&atlas, &texels, &mut lightmap.combined, &lightmap.usable);
         post::finish(&atlas, &texels, scene, &lightmap.combined, &settings.post, progress)

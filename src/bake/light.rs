@@ -3,13 +3,13 @@
 use crate::accel::Accel;
 use crate::atlas::{Atlas, Texels};
 use crate::gather::{
-    self, CellSettings, DirectSettings, Emission, Footprint, Lamp, Lamps, Lightmap, LitScene, Portals, ProbeSettings,
-    Source,
+    self, CellSettings, Direct, DirectSettings, Emission, Footprint, Grouped, Lamp, Lamps, Lightmap, LitScene, Portals,
+    ProbeSettings, Source,
 };
 use crate::hierarchy::{self, Hierarchy, Side, Surface, Surfels};
 use crate::output::report::{SolverFacts, StageClock};
 use crate::progress::{Cancelled, Progress, Stage};
-use crate::scene::{Rgb, Scene};
+use crate::scene::{LightGroups, Rgb, Scene};
 use crate::solve::{self, Elements, SolveSettings};
 use crate::transport::Exchange;
 use glam::Vec3;
@@ -37,11 +37,12 @@ pub struct Counts {
     pub rays: BTreeMap<String, u64>,
 }
 
-/// Irradiance of every texel to within about `error` (relative RMSE).
+/// Irradiance of every texel to within about `error` (relative RMSE), kept apart by `groups`.
 pub fn light(
     accel: &Accel,
     atlas: &Atlas,
     texels: &Texels,
+    groups: &LightGroups,
     error: f32,
     clock: &mut StageClock,
     progress: &dyn Progress,
@@ -50,34 +51,49 @@ pub fn light(
     let scene = accel.scene();
     let footprint = clock.measure(Stage::Texels, || Footprint::new(accel, atlas, texels, progress))?;
 
-    let (emission, mut lamps) = gather::classify(scene);
-    lamps.extend(scene.lights.iter().map(Lamp::new));
-    lamps.extend(Lamp::of_environment(&scene.environment));
-    let portals = clock.measure(Stage::Direct, || Portals::find(accel, &footprint, texels.len() as u32, progress))?;
+    let (emission, mut lamps) = gather::classify(scene, groups);
+    lamps.extend(scene.lights.iter().enumerate().map(|(i, light)| Lamp::new(light, groups.of_light(i))));
+    let sky = groups.of_environment();
+    lamps.extend(Lamp::of_environment(&scene.environment, sky));
+    let portals =
+        clock.measure(Stage::Direct, || Portals::find(accel, &footprint, texels.len() as u32, sky, progress))?;
     let lamps = Lamps::new(lamps, portals, &accel);
     let direct_settings = DirectSettings::for_error(error);
     let direct = clock.measure(Stage::Direct, || {
-        gather::texel_direct(&lamps, atlas, texels, &footprint, &direct_settings, progress)
+        gather::texel_direct(&lamps, groups.len(), atlas, texels, &footprint, &direct_settings, progress)
     })?;
     counts.rays.insert("shadow".into(), direct.rays);
 
-    let (surfels, tree, elements, guess) = clock.measure(Stage::Solve, || {
+    let (surfels, tree, elements, direct_groups, guess) = clock.measure(Stage::Solve, || {
         let surfels = Surfels::new(scene, atlas, texels, footprint.covered(), footprint.parted(), footprint.crossed());
         let tree = hierarchy(accel, atlas, &surfels, progress)?;
-        let elements = elements(scene, atlas, &surfels, &tree, &emission, &lamps, &direct.irradiance);
+        let (elements, direct_groups) = elements(scene, atlas, &surfels, &tree, &emission, &lamps, &direct);
         let sky = |position: Vec3, normal: Vec3, direction: Vec3, solid_angle: f32| {
             lamps.screen(position, normal).sky(position, direction, solid_angle)
         };
         let survey = solve::survey(accel, &surfels, &tree, sky, SURVEY_RAYS, progress)?;
         let exchange = Exchange { hierarchy: &tree, surfels: &surfels, accel: &accel };
-        let solution = solve::solve(&exchange, &elements, &survey, &SolveSettings::for_error(error), progress)?;
+        let settings = SolveSettings::for_error(error);
+        let solution = solve::solve(&exchange, &elements, &survey, &settings, progress)?;
+        let by_group: Vec<Vec<Rgb>> = (0..groups.len())
+            .map(|g| {
+                let emittance = emittance(scene, atlas, &surfels, &tree, &emission, |i, p| {
+                    usize::from(groups.of_emitter(i, p)) == g
+                });
+                let (reflectance, direct) = (elements.reflectance.clone(), direct_groups.group(g));
+                let dark = vec![Rgb::ZERO; direct.len()];
+                let sky = if g == usize::from(groups.of_environment()) { &survey.sky } else { &dark };
+                let elements = Elements { reflectance, emittance, direct };
+                solution.of_other_light(&tree, &elements, sky, &settings, progress)
+            })
+            .collect::<Result<_, Cancelled>>()?;
         counts.solver.nodes = tree.nodes.len() as u64;
         counts.solver.elements = tree.elements.len() as u64;
         counts.solver.links = solution.links.len() as u64;
         counts.solver.iterations = solution.iterations;
         counts.rays.insert("link".into(), solution.rays);
         counts.rays.insert("survey".into(), survey.rays + (BACK_RAYS as usize * tree.elements.len()) as u64);
-        Ok((surfels, tree, elements, solution.irradiance))
+        Ok((surfels, tree, elements, direct_groups, (solution.irradiance, Grouped::from_groups(&by_group))))
     })?;
 
     let shut = gather::shut_texels(&surfels, &tree);
@@ -91,21 +107,27 @@ pub fn light(
         lamps: &lamps,
         direct: &direct,
         element_direct: &elements.direct,
+        element_direct_groups: &direct_groups,
+        groups,
         shut: &shut,
     };
     let bounce = clock.measure(Stage::Solve, || gather::bounce(lit, &elements.reflectance, guess, progress))?;
     counts.rays.insert("bounce".into(), bounce.rays);
 
     let indirect = clock.measure(Stage::Gather, || {
-        let source = Source::new(lit, &bounce.irradiance, Some(&bounce.guide));
+        let source = Source::new(lit, &bounce.irradiance, &bounce.groups, Some(&bounce.guide));
         let floor = FLOOR * mean(texels, &direct.irradiance, &tree, &bounce.irradiance);
         gather::indirect(&source, atlas, texels, &footprint, &cell_settings(error, floor), progress)
     })?;
     counts.solver.probes = indirect.probes as u64;
     counts.rays.insert("gather".into(), indirect.rays);
     let combined = direct.irradiance.iter().zip(&indirect.irradiance).map(|(&d, &i)| d + i).collect();
+    let mut by_group = indirect.groups;
+    by_group.add_all(&direct.groups);
     let usable = (0..texels.len() as u32).map(|t| !footprint.is_hidden(t)).collect();
-    Ok((Lightmap { direct: direct.irradiance, combined, usable }, counts))
+    let lightmap =
+        Lightmap { direct: direct.irradiance, combined, groups: by_group, direct_groups: direct.groups, usable };
+    Ok((lightmap, counts))
 }
 
 /// How finely the final gather works for a relative error of the lightmap.
@@ -124,7 +146,7 @@ fn hierarchy(accel: &Accel, atlas: &Atlas, surfels: &Surfels, progress: &dyn Pro
     Ok(if backs.contains(&true) { hierarchy::build(surfels, &surfaces, &backs) } else { fronts })
 }
 
-/// What every element reflects and sends before any exchange.
+/// What every element reflects and sends before any exchange, and what lamps of every group send to it.
 fn elements(
     scene: &Scene,
     atlas: &Atlas,
@@ -132,35 +154,46 @@ fn elements(
     tree: &Hierarchy,
     emission: &Emission,
     lamps: &Lamps,
-    direct: &[Rgb],
-) -> Elements {
-    let mean = |f: &dyn Fn(u32) -> Rgb| -> Vec<Rgb> {
-        let of = |range: std::ops::Range<u32>| {
-            let (mut sum, mut area) = (Rgb::ZERO, 0.0);
-            for s in range {
-                let a = surfels.area(s);
-                sum += f(s) * a;
-                area += a;
-            }
-            sum / area.max(f32::MIN_POSITIVE)
-        };
-        tree.elements.iter().map(|e| of(e.surfels.clone())).collect()
-    };
+    direct: &Direct,
+) -> (Elements, Grouped) {
+    let emittance = emittance(scene, atlas, surfels, tree, emission, |_, _| true);
+    let (direct, groups) = gather::element_direct(lamps, surfels, &tree.elements, direct, ELEMENT_RAYS);
+    (Elements { reflectance: means(surfels, tree, |s| surfels.reflectance(s)), emittance, direct }, groups)
+}
+
+/// What every element emits and rays meet, W/m², of those instances and primitives that `counts` takes.
+fn emittance(
+    scene: &Scene,
+    atlas: &Atlas,
+    surfels: &Surfels,
+    tree: &Hierarchy,
+    emission: &Emission,
+    counts: impl Fn(usize, usize) -> bool,
+) -> Vec<Rgb> {
+    if !emission.any_seen() {
+        return vec![Rgb::ZERO; tree.elements.len()];
+    }
     let seen = |s: u32| {
         let (instance, triangle) = surfels.triangle(atlas, s);
-        if emission.is_seen(scene, instance, triangle) { surfels.emission(s) } else { Rgb::ZERO }
+        let primitive = scene.meshes[scene.instances[instance].mesh].primitive_index(triangle);
+        let is_seen = emission.is_seen(scene, instance, triangle) && counts(instance, primitive);
+        if is_seen { surfels.emission(s) } else { Rgb::ZERO }
     };
-    let emittance = if emission.any_seen() {
-        let radiance = mean(&seen);
-        radiance.into_iter().map(|l| l * PI).collect()
-    } else {
-        vec![Rgb::ZERO; tree.elements.len()]
+    means(surfels, tree, seen).into_iter().map(|l| l * PI).collect()
+}
+
+/// Area-weighted mean over the surfels of every element.
+fn means(surfels: &Surfels, tree: &Hierarchy, of: impl Fn(u32) -> Rgb) -> Vec<Rgb> {
+    let mean = |range: std::ops::Range<u32>| {
+        let (mut sum, mut area) = (Rgb::ZERO, 0.0);
+        for s in range {
+            let a = surfels.area(s);
+            sum += of(s) * a;
+            area += a;
+        }
+        sum / area.max(f32::MIN_POSITIVE)
     };
-    Elements {
-        reflectance: mean(&|s| surfels.reflectance(s)),
-        emittance,
-        direct: gather::element_direct(lamps, surfels, &tree.elements, direct, ELEMENT_RAYS),
-    }
+    tree.elements.iter().map(|e| mean(e.surfels.clone())).collect()
 }
 
 /// Area-weighted mean irradiance over all texels, W/m², mean of channels.

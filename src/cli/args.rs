@@ -56,6 +56,9 @@ pub(crate) struct BakeArguments {
     /// Empty texels between charts.
     #[arg(long, value_name = "N")]
     padding: Option<u32>,
+    /// Keep light groups apart: pages of each beside the whole, and what relighting needs.
+    #[arg(long)]
+    groups: bool,
     /// What a texel means.
     #[arg(long, value_enum, default_value_t)]
     quantity: QuantityChoice,
@@ -202,6 +205,7 @@ impl BakeArguments {
             output: OutputSettings {
                 folder: self.out.clone().unwrap_or_else(|| default_folder(&self.scene)),
                 force: self.force,
+                groups: self.groups,
                 quantity: match self.quantity {
                     QuantityChoice::Irradiance => Quantity::Irradiance,
                     QuantityChoice::Radiance => Quantity::Radiance,

@@ -9,6 +9,7 @@
 use super::footprint::Footprint;
 use super::probe::{Probe, ProbeSettings};
 use super::source::Source;
+use super::tally::{Grouped, share_out};
 use crate::atlas::{Atlas, NO_TEXEL, Texels};
 use crate::progress::{Cancelled, Counter, Progress, Stage};
 use crate::scene::Rgb;
@@ -69,6 +70,8 @@ struct State<'a> {
     /// Probe of each texel, `NO_PROBE` if it has none.
     probe_of: Vec<u32>,
     probes: Vec<Probe>,
+    /// Irradiance of every probe by light group, W/m², groups side by side.
+    probe_groups: Vec<Rgb>,
 }
 
 /// What the corners of a cell say of it.
@@ -88,6 +91,8 @@ const NO_PROBE: u32 = u32::MAX;
 pub struct Indirect {
     /// Per texel.
     pub irradiance: Vec<Rgb>,
+    /// The same by light group.
+    pub groups: Grouped,
     /// Probes gathered.
     pub probes: usize,
     /// Rays cast.
@@ -104,7 +109,8 @@ pub fn indirect(
     progress: &dyn Progress,
 ) -> Result<Indirect, Cancelled> {
     let (probe_of, probes) = (vec![NO_PROBE; texels.len()], Vec::new());
-    let mut state = State { source, atlas, texels, footprint, settings, probe_of, probes };
+    let mut state = State { source, atlas, texels, footprint, settings, probe_of, probes, probe_groups: Vec::new() };
+    let mut groups = Grouped::new(source.groups(), texels.len());
     let mut irradiance = vec![Rgb::ZERO; texels.len()];
     let counter = Counter::new(progress, Stage::Gather, texels.len());
     let mut cells: Vec<Cell> = (0..atlas.charts.len()).flat_map(|c| state.lattice(c)).collect();
@@ -121,7 +127,7 @@ pub fn indirect(
             .zip(&verdicts)
             .map(|((cell, &corners), &verdict)| {
                 let outcome = state.settle(cell, corners, verdict);
-                if let Outcome::Done(values) = &outcome {
+                if let Outcome::Done(values, _) = &outcome {
                     counter.advance(values.len())?;
                 }
                 Ok(outcome)
@@ -131,21 +137,23 @@ pub fn indirect(
         for outcome in outcomes {
             match outcome {
                 Outcome::Split(children) => cells.extend(children),
-                Outcome::Done(values) => {
-                    for (texel, value) in values {
+                Outcome::Done(values, parts) => {
+                    for (i, (texel, value)) in values.into_iter().enumerate() {
                         irradiance[texel as usize] = value;
+                        groups.of_mut(texel as usize).copy_from_slice(parts.of(i));
                     }
                 }
             }
         }
     }
     let rays = state.probes.iter().map(|p| p.rays as u64).sum();
-    Ok(Indirect { irradiance, probes: state.probes.len(), rays })
+    Ok(Indirect { irradiance, groups, probes: state.probes.len(), rays })
 }
 
 enum Outcome {
     Split(Vec<Cell>),
-    Done(Vec<(u32, Rgb)>),
+    /// Texels with their irradiance, whole and by light group.
+    Done(Vec<(u32, Rgb)>, Grouped),
 }
 
 impl State<'_> {
@@ -212,16 +220,17 @@ impl State<'_> {
         wanted.sort_unstable();
         wanted.dedup();
         let Self { source, footprint, settings, .. } = *self;
-        let new: Vec<Probe> = wanted
+        let new: Vec<(Probe, Vec<Rgb>)> = wanted
             .par_iter()
             .map(|&t| {
                 let probe = Probe::gather(source, footprint, t, &settings.probe);
                 if progress.is_cancelled() { Err(Cancelled) } else { Ok(probe) }
             })
             .collect::<Result<_, Cancelled>>()?;
-        for (&t, probe) in wanted.iter().zip(new) {
+        for (&t, (probe, groups)) in wanted.iter().zip(new) {
             self.probe_of[t as usize] = self.probes.len() as u32;
             self.probes.push(probe);
+            self.probe_groups.extend(groups);
         }
         Ok(())
     }
@@ -252,7 +261,9 @@ impl State<'_> {
     fn settle(&self, cell: &Cell, corners: [u32; 4], verdict: Verdict) -> Outcome {
         if corners[0] == NO_TEXEL {
             // Nothing in reach can be lit.
-            return Outcome::Done(self.owned(cell).into_iter().map(|(t, _)| (t, Rgb::ZERO)).collect());
+            let dark: Vec<(u32, Rgb)> = self.owned(cell).into_iter().map(|(t, _)| (t, Rgb::ZERO)).collect();
+            let groups = Grouped::new(self.source.groups(), dark.len());
+            return Outcome::Done(dark, groups);
         }
         let blend = Blend::new(self, &Rect { x: cell.x, y: cell.y, corners });
         let asked = match verdict {
@@ -271,7 +282,34 @@ impl State<'_> {
             };
             (t, e)
         };
-        Outcome::Done(self.owned(cell).into_iter().map(value).collect())
+        let owned = self.owned(cell);
+        let values: Vec<(u32, Rgb)> = owned.iter().copied().map(value).collect();
+        let mut groups = Grouped::new(self.source.groups(), owned.len());
+        if groups.groups() > 0 {
+            for (i, (&(t, p), &(_, whole))) in owned.iter().zip(&values).enumerate() {
+                let row = groups.of_mut(i);
+                match self.probe_of[t as usize] {
+                    own if own == NO_PROBE || asked == Some(t) => self.told_groups(corners, &blend, p, row),
+                    own => row.copy_from_slice(self.groups_of(own)),
+                }
+                share_out(whole, row);
+            }
+        }
+        Outcome::Done(values, groups)
+    }
+
+    /// Irradiance of a probe by light group, W/m².
+    fn groups_of(&self, probe: u32) -> &[Rgb] {
+        let count = self.source.groups();
+        &self.probe_groups[probe as usize * count..(probe as usize + 1) * count]
+    }
+
+    /// What [`State::told`] says, by light group.
+    fn told_groups(&self, corners: [u32; 4], blend: &Blend, p: Vec2, row: &mut [Rgb]) {
+        for (corner, weight) in corners.into_iter().zip(blend.weights(p)) {
+            let groups = self.groups_of(self.probe_of[corner as usize]);
+            row.iter_mut().zip(groups).for_each(|(sum, &e)| *sum += e * weight);
+        }
     }
 
     /// Irradiance at a page position as the corners have it, W/m².

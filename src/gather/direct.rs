@@ -5,6 +5,7 @@
 
 use super::footprint::Footprint;
 use super::lamp::Lamp;
+use super::tally::Grouped;
 use super::visibility::{Lamps, Seen, Visibility};
 use crate::atlas::{Atlas, NO_TEXEL, SurfacePoint, Texels};
 use crate::hierarchy::{Element, Side, Surfels};
@@ -77,13 +78,16 @@ fn around(so_far: Rgb, mean: f32) -> f32 {
 pub struct Direct {
     /// W/m².
     pub irradiance: Vec<Rgb>,
+    /// The same by light group.
+    pub groups: Grouped,
     /// Rays cast.
     pub rays: u64,
 }
 
-/// Irradiance of every texel straight from the lamps.
+/// Irradiance of every texel straight from the lamps, and apart for so many `groups`.
 pub fn texel_direct(
     lamps: &Lamps,
+    groups: usize,
     atlas: &Atlas,
     texels: &Texels,
     footprint: &Footprint,
@@ -91,6 +95,8 @@ pub fn texel_direct(
     progress: &dyn Progress,
 ) -> Result<Direct, Cancelled> {
     let mut irradiance = vec![Rgb::ZERO; texels.len()];
+    let mut groups = Grouped::new(groups, texels.len());
+    let mut part = vec![Rgb::ZERO; texels.len()];
     let counter = Counter::new(progress, Stage::Direct, texels.len() * lamps.len() * 2);
     let rays = AtomicU64::new(0);
     let mean = sample_mean(lamps, footprint, texels.len());
@@ -114,10 +120,11 @@ pub fn texel_direct(
             rays.fetch_add(cast, Ordering::Relaxed);
             counter.advance(sums.len())
         })?;
-        irradiance.par_chunks_mut(CHUNK).enumerate().try_for_each(|(chunk, out)| {
+        part.par_chunks_mut(CHUNK).enumerate().try_for_each(|(chunk, out)| {
             let mut cast = 0;
             for (i, e) in out.iter_mut().enumerate() {
                 let texel = (chunk * CHUNK + i) as u32;
+                *e = Rgb::ZERO;
                 let Some(sender) = lamps.get(lamp, &footprint.centre(texel)) else { continue };
                 let free = unoccluded(sender, texels, footprint, texel);
                 if free.max_element() <= 0.0 && first[texel as usize].seen() == Seen::Never {
@@ -130,17 +137,22 @@ pub fn texel_direct(
                     let edge = CLOSER * sum.tried;
                     cast += lamps.test(sender, seed, edge, point, &mut sum);
                     if sum.seen() == Seen::Part {
-                        let most = settings.penumbra(free.max_element(), around(*e + free * sum.share(), mean));
+                        let most = settings.penumbra(
+                            free.max_element(),
+                            around(irradiance[texel as usize] + free * sum.share(), mean),
+                        );
                         cast += lamps.test(sender, seed, most, point, &mut sum);
                     }
                 }
-                *e += free * sum.share();
+                *e = free * sum.share();
             }
             rays.fetch_add(cast, Ordering::Relaxed);
             counter.advance(out.len())
         })?;
+        irradiance.par_iter_mut().zip(&part).for_each(|(e, &part)| *e += part);
+        groups.add(lamps.group(lamp), &part);
     }
-    Ok(Direct { irradiance, rays: rays.into_inner() })
+    Ok(Direct { irradiance, groups, rays: rays.into_inner() })
 }
 
 /// Mean irradiance from all lamps, W/m², mean of channels, from every so many-th texel.
@@ -148,7 +160,7 @@ fn sample_mean(lamps: &Lamps, footprint: &Footprint, texels: usize) -> f32 {
     let step = texels.div_ceil(MEAN_SAMPLES).max(1);
     let sum: f32 = (0..texels.div_ceil(step))
         .into_par_iter()
-        .map(|i| lamps.mean(&[footprint.centre((i * step) as u32)], i as u32, 1).element_sum() / 3.0)
+        .map(|i| lamps.mean(&[footprint.centre((i * step) as u32)], i as u32, 1, |_, _| ()).element_sum() / 3.0)
         .collect::<Vec<f32>>()
         .iter()
         .sum();
@@ -191,34 +203,44 @@ fn disagrees(atlas: &Atlas, texels: &Texels, first: &[Visibility], texel: u32) -
     false
 }
 
-/// Irradiance of elements straight from the lamps, W/m²: the texels' mean for fronts of charts, sampled with `rays`
-/// rays per lamp elsewhere.
+/// Irradiance of elements straight from the lamps, W/m², whole and by group: the texels' mean for fronts of charts,
+/// sampled with `rays` rays per lamp elsewhere.
 pub fn element_direct(
     lamps: &Lamps,
     surfels: &Surfels,
     elements: &[Element],
-    texel_direct: &[Rgb],
+    direct: &Direct,
     rays: u32,
-) -> Vec<Rgb> {
+) -> (Vec<Rgb>, Grouped) {
     let texel_count = surfels.texels.len() as u32;
-    elements
+    let mut groups = Grouped::new(direct.groups.groups(), elements.len());
+    let whole = elements
         .par_iter()
+        .zip(groups.rows_mut(elements.len()))
         .enumerate()
-        .map(|(index, element)| {
+        .map(|(index, (element, row))| {
             if element.side == Side::Front && element.surfels.end <= texel_count {
                 let area = |s: u32| surfels.area(s);
                 let total: f32 = element.surfels.clone().map(area).sum();
-                return element.surfels.clone().map(|s| texel_direct[s as usize] * area(s)).sum::<Rgb>() / total;
+                for s in element.surfels.clone() {
+                    let share = area(s) / total;
+                    row.iter_mut().zip(direct.groups.of(s as usize)).for_each(|(sum, &e)| *sum += e * share);
+                }
+                return element.surfels.clone().map(|s| direct.irradiance[s as usize] * area(s)).sum::<Rgb>() / total;
             }
-            let points: Vec<SurfacePoint> = element
-                .surfels
-                .clone()
-                .map(|s| {
-                    let normal = if element.side == Side::Front { surfels.normal(s) } else { -surfels.normal(s) };
-                    SurfacePoint { position: surfels.position(s), geometric_normal: normal, shading_normal: normal }
-                })
-                .collect();
-            lamps.mean(&points, hash3(index as u32, 0xe1e, 0), rays)
+            let points: Vec<SurfacePoint> = element.surfels.clone().map(|s| middle(surfels, s, element.side)).collect();
+            lamps.mean(&points, hash3(index as u32, 0xe1e, 0), rays, |group, light| {
+                if let Some(sum) = row.get_mut(usize::from(group)) {
+                    *sum += light;
+                }
+            })
         })
-        .collect()
+        .collect();
+    (whole, groups)
+}
+
+/// The middle of a surfel's side.
+fn middle(surfels: &Surfels, s: u32, side: Side) -> SurfacePoint {
+    let normal = if side == Side::Front { surfels.normal(s) } else { -surfels.normal(s) };
+    SurfacePoint { position: surfels.position(s), geometric_normal: normal, shading_normal: normal }
 }

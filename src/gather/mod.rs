@@ -11,15 +11,17 @@ mod lamp;
 mod lit_scene;
 mod obstacles;
 mod openings;
+mod parts;
 mod portal;
 mod probe;
 mod region;
 mod secondary;
 mod sending;
 mod source;
+mod tally;
 mod visibility;
 
-pub use bounce::{Bounce, bounce};
+pub use bounce::{Bounce, NOTHING, RAYS, bounce};
 pub use cells::{CellSettings, indirect};
 pub use direct::{Direct, DirectSettings, element_direct, texel_direct};
 pub use emitters::{Emission, classify};
@@ -30,6 +32,7 @@ pub use lit_scene::{LitScene, shut_texels};
 pub use openings::Portals;
 pub use probe::{Probe, ProbeSettings};
 pub use source::Source;
+pub use tally::Grouped;
 pub use visibility::Lamps;
 
 use crate::scene::Rgb;
@@ -41,6 +44,10 @@ pub struct Lightmap {
     pub direct: Vec<Rgb>,
     /// Everything: lamps, sky, emissive surfaces and all bounces.
     pub combined: Vec<Rgb>,
+    /// The same by light group.
+    pub groups: Grouped,
+    /// What of it came straight from lamps, by light group.
+    pub direct_groups: Grouped,
     /// False where a texel lies inside other geometry and is to be filled from its neighbours.
     pub usable: Vec<bool>,
 }

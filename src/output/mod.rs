@@ -37,6 +37,8 @@ pub struct OutputSettings {
     pub force: bool,
     /// What a texel of the EXR pages means.
     pub quantity: Quantity,
+    /// True: a page for every light group, too.
+    pub groups: bool,
     /// How it is stored.
     pub precision: Precision,
 }
