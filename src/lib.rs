@@ -19,6 +19,7 @@ pub mod math;
 pub mod output;
 pub mod post;
 pub mod progress;
+pub mod relight;
 pub mod scene;
 pub mod solve;
 pub mod transport;

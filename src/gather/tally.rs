@@ -37,7 +37,7 @@ impl Grouped {
     }
 
     /// The groups' values of each of all `items`, to be changed side by side.
-    pub(super) fn rows_mut(&mut self, items: usize) -> Vec<&mut [Rgb]> {
+    pub fn rows_mut(&mut self, items: usize) -> Vec<&mut [Rgb]> {
         let (mut rest, groups) = (self.values.as_mut_slice(), self.groups);
         let row = |_| {
             let (row, more) = std::mem::take(&mut rest).split_at_mut(groups);
@@ -58,6 +58,11 @@ impl Grouped {
         let items = columns.first().map_or(0, Vec::len);
         let values = (0..items).flat_map(|i| columns.iter().map(move |column| column[i])).collect();
         Self { groups: columns.len(), values }
+    }
+
+    /// Sum of all values and channels.
+    pub fn total(&self) -> f32 {
+        self.values.iter().map(|v| v.element_sum()).sum()
     }
 
     /// The values of one group.

@@ -34,20 +34,24 @@ type Place = (usize, u32);
 struct Change {
     place: Place,
     value: Rgb,
+    /// The part's.
+    part: Rgb,
 }
 
 /// Mends all seams of all instances. `pages` are filled around their charts. `filled` marks, beside the valid
-/// texels, those empty ones that now have a value of their own.
+/// texels, those empty ones that now have a value of their own. `part` holds a part of the light of `pages`, and is
+/// changed as that part of them: what may be mended, and by how much, the whole decides.
 pub(super) fn mend(
     atlas: &Atlas,
     texels: &Texels,
     scene: &Scene,
     pages: &mut [PageImage],
     filled: &mut [Vec<bool>],
+    mut part: Option<&mut [PageImage]>,
     progress: &dyn Progress,
 ) -> Result<(), Cancelled> {
     let counter = Counter::new(progress, Stage::Post, atlas.layouts.len());
-    let map = Map { texels, pages };
+    let map = Map { texels, pages, part: part.as_deref() };
     let changes: Vec<Vec<Change>> = (0..atlas.layouts.len())
         .into_par_iter()
         .map(|instance| {
@@ -61,6 +65,9 @@ pub(super) fn mend(
         let (page, i) = change.place;
         pages[page].rgb[i as usize] = change.value;
         filled[page][i as usize] = true;
+        if let Some(part) = &mut part {
+            part[page].rgb[i as usize] = change.part;
+        }
     }
     Ok(())
 }
@@ -69,6 +76,7 @@ pub(super) fn mend(
 struct Map<'a> {
     texels: &'a Texels,
     pages: &'a [PageImage],
+    part: Option<&'a [PageImage]>,
 }
 
 /// Least and largest value per channel.
@@ -118,11 +126,22 @@ impl Map<'_> {
         if problem.equations.iter().all(|e| mismatch(e, &problem.values) == DVec3::ZERO) {
             return Vec::new();
         }
-        let solution = problem.solve();
-        // No new extremes: what agrees by overshooting would show as a bright or dark line.
-        let value = |x: DVec3, range: &Range| x.as_vec3().max(range.low).min(range.high);
-        let changes = places.into_iter().zip(solution).zip(&ranges);
-        changes.map(|((place, x), range)| Change { place, value: value(x, range) }).collect()
+        let solution = problem.solve(&problem.values);
+        let parts = match self.part {
+            Some(part) => {
+                let before: Vec<DVec3> = places.iter().map(|&(p, i)| part[p].rgb[i as usize].as_dvec3()).collect();
+                problem.solve(&before)
+            }
+            None => vec![DVec3::ZERO; places.len()],
+        };
+        let change = |(((place, x), part), range): (((Place, DVec3), DVec3), &Range)| {
+            // No new extremes: what agrees by overshooting would show as a bright or dark line.
+            let value = x.as_vec3().max(range.low).min(range.high);
+            // Of what that takes away, every part of the light bears its share.
+            let kept = Rgb::from_array(std::array::from_fn(|c| if x[c] > 0.0 { value[c] / x[c] as f32 } else { 1.0 }));
+            Change { place, value, part: part.as_vec3().max(Rgb::ZERO) * kept }
+        };
+        places.into_iter().zip(solution).zip(parts).zip(&ranges).map(change).collect()
     }
 
     /// Both footprints of a lookup, the second with negative weights, and the range of the values around them; none if
