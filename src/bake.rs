@@ -1,9 +1,12 @@
 //! The order of the stages: scene file and settings → results on the disk.
 
+mod groups;
 mod light;
-
-pub use light::{Counts, light};
+mod relight;
 mod results;
+
+pub use light::{Counts, TexelPatches, light};
+pub use relight::{RelightSettings, relight};
 
 use crate::accel::Accel;
 use crate::atlas::{self, AtlasError};
@@ -17,9 +20,11 @@ use crate::output::report::{SCHEMA, StageClock};
 use crate::output::{OutputError, process};
 use crate::post;
 use crate::progress::{Cancelled, Progress, Stage};
-use crate::scene::LightGroups;
+use crate::relight::{ChangeError, SolutionError};
+use crate::scene::{LightGroups, Rgb};
+use groups::GroupedLight;
 use results::Results;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use thiserror::Error;
 
 /// Why a bake did not come to its end.
@@ -37,6 +42,23 @@ pub enum BakeError {
     /// Results cannot be written.
     #[error(transparent)]
     Output(#[from] OutputError),
+    /// What should be relit was baked without what that needs.
+    #[error("there is no `{}`; bake the scene with --groups to relight it", .0.display())]
+    NoSolution(PathBuf),
+    /// What a bake kept cannot be used.
+    #[error("cannot use `{}`", .path.display())]
+    Solution {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with it.
+        source: SolutionError,
+    },
+    /// A change that cannot be made.
+    #[error(transparent)]
+    Change(#[from] ChangeError),
+    /// The scene to refine has changed since it was baked.
+    #[error("`{}` is not the scene that was baked; bake it again, or name the right file with --scene", .0.display())]
+    OtherScene(PathBuf),
     /// The lit copy of the scene cannot be made.
     #[error("cannot write the lit scene")]
     Glb(#[from] GlbError),
@@ -60,7 +82,21 @@ impl From<AtlasError> for BakeError {
     }
 }
 
+impl From<SolutionError> for BakeError {
+    fn from(source: SolutionError) -> Self {
+        Self::Solution { path: PathBuf::new(), source }
+    }
+}
+
 impl BakeError {
+    /// The same with the file that it is about.
+    fn at(self, file: &Path) -> Self {
+        match self {
+            Self::Solution { source, .. } => Self::Solution { path: file.to_path_buf(), source },
+            other => other,
+        }
+    }
+
     /// Stable, machine-readable kind.
     pub fn code(&self) -> &'static str {
         match self {
@@ -68,6 +104,9 @@ impl BakeError {
             Self::Import(_) => "import",
             Self::Atlas(_) => "atlas",
             Self::Output(e) => e.code(),
+            Self::NoSolution(_) | Self::Solution { .. } => "solution",
+            Self::Change(_) => "change",
+            Self::OtherScene(_) => "other_scene",
             Self::Glb(_) => "lit_scene",
         }
     }
@@ -84,6 +123,11 @@ pub fn bake(path: &Path, settings: &Settings, progress: &dyn Progress) -> Result
         Ok::<_, ImportError>((imported, hash))
     })?;
     imported.warnings.iter().for_each(|w| progress.warn(w));
+    for material in &mut imported.scene.materials {
+        if let Some(&factor) = settings.reflectance.get(&material.name) {
+            material.base_color *= Rgb::from_array(factor);
+        }
+    }
     let scene = &imported.scene;
 
     let (atlas, faults) = clock.measure(Stage::Atlas, || atlas::build(scene, &settings.atlas, progress))?;
@@ -93,7 +137,11 @@ pub fn bake(path: &Path, settings: &Settings, progress: &dyn Progress) -> Result
 
     let accel = clock.measure(Stage::Accel, || Accel::build(scene));
     let groups = if settings.output.groups { LightGroups::named(scene) } else { LightGroups::none(scene) };
-    let (mut lightmap, counts) = light(&accel, &atlas, &texels, &groups, settings.error, &mut clock, progress)?;
+    let too_many = groups::too_many(&groups);
+    too_many.iter().for_each(|w| progress.warn(w));
+    imported.warnings.extend(too_many);
+    let (mut lightmap, counts, patches) =
+        light(&accel, &atlas, &texels, &groups, settings.error, &mut clock, progress)?;
     let irradiance = clock.measure(Stage::Post, || {
         post::fill_unusable(&atlas, &texels, &mut lightmap.combined, &lightmap.usable);
         post::finish(&atlas, &texels, scene, &lightmap.combined, &settings.post, progress)
@@ -122,11 +170,18 @@ pub fn bake(path: &Path, settings: &Settings, progress: &dyn Progress) -> Result
         rays: counts.rays,
         solver: counts.solver,
         atlas: results::atlas_facts(&atlas, &texels, &pages),
+        groups: Vec::new(),
+        relight: None,
         audit,
         memory_peak_bytes: process::peak_memory(),
-        warnings: imported.warnings,
+        warnings: imported.warnings.clone(),
         outputs: Vec::new(),
     };
+    if let Some(patches) = &patches {
+        let (scene, atlas, texels, groups) = (&imported.scene, &atlas, &texels, &groups);
+        let light = GroupedLight { scene, atlas, texels, groups, lightmap: &lightmap, patches };
+        clock.measure(Stage::Output, || light.write(&mut results, &mut report, settings, progress))?;
+    }
     results.finish(&mut report, &pages, progress)?;
     Ok(report)
 }

@@ -5,6 +5,7 @@ use crate::audit::Effort;
 use crate::import::ImportSettings;
 use crate::output::OutputSettings;
 use crate::post::PostSettings;
+use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::ops::RangeInclusive;
@@ -13,7 +14,7 @@ use std::ops::RangeInclusive;
 pub const ERROR_RANGE: RangeInclusive<f32> = 0.001..=0.5;
 
 /// Settings of a bake.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Settings {
     /// How the scene file is read.
     pub import: ImportSettings,
@@ -23,6 +24,8 @@ pub struct Settings {
     pub post: PostSettings,
     /// Where results go and in which form.
     pub output: OutputSettings,
+    /// By what the reflectance of materials is multiplied, by name.
+    pub reflectance: BTreeMap<String, [f32; 3]>,
     /// Relative error to aim for, within [`ERROR_RANGE`].
     pub error: f32,
     /// How much may be spent on finding out whether it was met.
@@ -36,6 +39,7 @@ impl Default for Settings {
             atlas: AtlasSettings::default(),
             post: PostSettings::default(),
             output: OutputSettings::default(),
+            reflectance: BTreeMap::new(),
             error: 0.02,
             audit: Effort::default(),
         }
@@ -55,6 +59,7 @@ impl Settings {
             ("texels-per-metre", json!(atlas.texels_per_metre)),
             ("resolution", json!(atlas.resolution)),
             ("padding", json!(atlas.padding)),
+            ("groups", json!(output.groups)),
             ("quantity", json!(output.quantity)),
             ("precision", json!(output.precision)),
         ];

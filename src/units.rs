@@ -47,7 +47,7 @@ impl Quantity {
 }
 
 /// What the strengths of lamps and emissive materials in a file mean.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum LightUnits {
     /// Candela, lux and nits, as core glTF defines them.
     Photometric,

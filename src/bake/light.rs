@@ -9,6 +9,7 @@ use crate::gather::{
 use crate::hierarchy::{self, Hierarchy, Side, Surface, Surfels};
 use crate::output::report::{SolverFacts, StageClock};
 use crate::progress::{Cancelled, Progress, Stage};
+use crate::relight::{LitElements, Patches};
 use crate::scene::{LightGroups, Rgb, Scene};
 use crate::solve::{self, Elements, SolveSettings};
 use crate::transport::Exchange;
@@ -37,7 +38,16 @@ pub struct Counts {
     pub rays: BTreeMap<String, u64>,
 }
 
-/// Irradiance of every texel to within about `error` (relative RMSE), kept apart by `groups`.
+/// Patches that tell how light changes with reflectances.
+pub struct TexelPatches {
+    /// The patches.
+    pub patches: Patches,
+    /// Patch of every texel, if it has one.
+    pub of_texel: Vec<Option<u32>>,
+}
+
+/// Irradiance of every texel to within about `error` (relative RMSE), kept apart by `groups`; if there are any, with the
+/// patches that relighting needs.
 pub fn light(
     accel: &Accel,
     atlas: &Atlas,
@@ -46,7 +56,7 @@ pub fn light(
     error: f32,
     clock: &mut StageClock,
     progress: &dyn Progress,
-) -> Result<(Lightmap, Counts), Cancelled> {
+) -> Result<(Lightmap, Counts, Option<TexelPatches>), Cancelled> {
     let mut counts = Counts::default();
     let scene = accel.scene();
     let footprint = clock.measure(Stage::Texels, || Footprint::new(accel, atlas, texels, progress))?;
@@ -114,6 +124,21 @@ pub fn light(
     let bounce = clock.measure(Stage::Solve, || gather::bounce(lit, &elements.reflectance, guess, progress))?;
     counts.rays.insert("bounce".into(), bounce.rays);
 
+    let patches = (!groups.is_empty()).then(|| {
+        let lit = LitElements {
+            scene,
+            atlas,
+            surfels: &surfels,
+            tree: &tree,
+            shut: &shut,
+            bounce: &bounce,
+            direct: &direct_groups,
+        };
+        let (patches, of_element) = clock.measure(Stage::Solve, || Patches::new(&lit));
+        let patch = |t| tree.element_of(t, Side::Front).map(|e| of_element[e as usize]);
+        TexelPatches { patches, of_texel: (0..texels.len() as u32).map(patch).collect() }
+    });
+
     let indirect = clock.measure(Stage::Gather, || {
         let source = Source::new(lit, &bounce.irradiance, &bounce.groups, Some(&bounce.guide));
         let floor = FLOOR * mean(texels, &direct.irradiance, &tree, &bounce.irradiance);
@@ -127,7 +152,7 @@ pub fn light(
     let usable = (0..texels.len() as u32).map(|t| !footprint.is_hidden(t)).collect();
     let lightmap =
         Lightmap { direct: direct.irradiance, combined, groups: by_group, direct_groups: direct.groups, usable };
-    Ok((lightmap, counts))
+    Ok((lightmap, counts, patches))
 }
 
 /// How finely the final gather works for a relative error of the lightmap.

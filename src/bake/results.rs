@@ -15,8 +15,8 @@ use crate::warning::Warning;
 use std::ffi::OsStr;
 use std::path::Path;
 
-const REPORT_JSON: &str = "report.json";
-const REPORT_HTML: &str = "report.html";
+pub(super) const REPORT_JSON: &str = "report.json";
+pub(super) const REPORT_HTML: &str = "report.html";
 
 /// The files of one bake.
 pub(super) struct Results {
@@ -27,11 +27,36 @@ pub(super) struct Results {
 impl Results {
     /// Prepares the folder for a bake of `scene`: what would stop the results from being written, stops the bake now.
     pub(super) fn open(scene: &Path, settings: &Settings) -> Result<Self, OutputError> {
-        let stem = scene.file_stem().unwrap_or(OsStr::new("scene")).to_string_lossy();
-        let lit_scene = format!("{stem}.lit.glb");
+        let lit_scene = Self::lit_scene_name(scene);
         let names = [lit_scene.as_str(), REPORT_JSON, REPORT_HTML];
         let outputs = OutputSet::open(&settings.output.folder, &names, settings.output.force)?;
         Ok(Self { outputs, lit_scene })
+    }
+
+    /// File name of the lit copy of `scene`.
+    pub(super) fn lit_scene_name(scene: &Path) -> String {
+        format!("{}.lit.glb", scene.file_stem().unwrap_or(OsStr::new("scene")).to_string_lossy())
+    }
+
+    /// Writes an EXR page under a temporary name: of all light, or of one group.
+    pub(super) fn write_page(
+        &mut self,
+        file: &str,
+        image: &PageImage,
+        page: usize,
+        group: Option<&str>,
+        scene_hash: &str,
+        settings: &Settings,
+    ) -> Result<(), OutputError> {
+        let group = group.map(str::to_owned);
+        let quantity = settings.output.quantity;
+        let attributes = PageAttributes { quantity, uv_set: 1, page, scene_hash: scene_hash.into(), group };
+        self.outputs.write(file, |sink| write_page(sink, image, settings.output.precision, &attributes))
+    }
+
+    /// Writes a file that the results are whole without.
+    pub(super) fn write_if_possible(&mut self, file: &str, content: &[u8]) -> Result<(), OutputError> {
+        self.outputs.write_if_possible(file, |sink| sink.write_all(content))
     }
 
     /// Writes the EXR pages and the lit scene, still under temporary names. Returns the pages as they were written.
@@ -54,8 +79,7 @@ impl Results {
                 progress.warn(&warning);
                 imported.warnings.push(warning);
             }
-            let attributes = PageAttributes { quantity, uv_set: 1, page: i, scene_hash: scene_hash.into() };
-            self.outputs.write(&name, |sink| write_page(sink, page, settings.output.precision, &attributes))?;
+            self.write_page(&name, page, i, None, scene_hash, settings)?;
             links.push(PageLink { uri: name, quantity });
         }
         step(progress, pages.len() as f64 / (pages.len() + 1) as f64)?;
@@ -71,8 +95,8 @@ impl Results {
         pages: &[PageImage],
         progress: &dyn Progress,
     ) -> Result<(), BakeError> {
-        report.outputs = (0..pages.len()).map(OutputSet::page_name).collect();
-        report.outputs.extend([self.lit_scene, REPORT_JSON.into(), REPORT_HTML.into()]);
+        report.outputs = self.outputs.names();
+        report.outputs.extend([REPORT_JSON.into(), REPORT_HTML.into()]);
         self.outputs.write(REPORT_JSON, |sink| report.write_json(sink))?;
         self.outputs.write(REPORT_HTML, |sink| write_html(sink, report, pages))?;
         if progress.is_cancelled() {

@@ -3,9 +3,11 @@
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use lightkiln::atlas::{AtlasSettings, Unwrapper, UvMode};
 use lightkiln::audit::Effort;
+use lightkiln::bake::RelightSettings;
 use lightkiln::config::{ERROR_RANGE, Settings};
 use lightkiln::import::ImportSettings;
 use lightkiln::output::{OutputSettings, Precision};
+use lightkiln::relight::Assignment;
 use lightkiln::units::{LightUnits, Quantity};
 use std::path::{Path, PathBuf};
 
@@ -23,6 +25,8 @@ pub(crate) struct Arguments {
 pub(crate) enum Command {
     /// Bake lightmaps for a glTF scene.
     Bake(Box<BakeArguments>),
+    /// Change lamps, emission, sky and reflectances of a bake without casting a ray.
+    Relight(RelightArguments),
     /// Show what a glTF scene holds.
     Info(InfoArguments),
 }
@@ -75,6 +79,34 @@ pub(crate) struct BakeArguments {
     force: bool,
     #[command(flatten)]
     pub(crate) speech: SpeechArguments,
+}
+
+/// `lightkiln relight`.
+#[derive(Debug, Args)]
+pub(crate) struct RelightArguments {
+    /// Folder of a bake with --groups.
+    folder: PathBuf,
+    /// A change, relative to the bake: NAME=2 or NAME=r,g,b multiplies a lamp, a light group, `environment` or
+    /// `material:NAME`; NAME.color=r,g,b; material:NAME.reflectance=r,g,b.
+    #[arg(long = "set", value_name = "NAME=VALUE", required = true)]
+    changes: Vec<Assignment>,
+    /// Folder for the results [default: that of the bake, which takes --force].
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    /// Bake again if changed reflectances make the expected error exceed that of the bake.
+    #[arg(long)]
+    refine: bool,
+    /// Scene to bake again, if it is no longer where it was.
+    #[arg(long, value_name = "SCENE")]
+    scene: Option<PathBuf>,
+    /// Threads to use [default: one per processor].
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    threads: Option<u16>,
+    /// Replace results that exist.
+    #[arg(long)]
+    force: bool,
+    #[command(flatten)]
+    speech: SpeechArguments,
 }
 
 /// `lightkiln info`.
@@ -168,6 +200,7 @@ impl Command {
     pub(crate) fn speech(&self) -> SpeechArguments {
         match self {
             Command::Bake(bake) => bake.speech,
+            Command::Relight(relight) => relight.speech,
             Command::Info(info) => info.speech,
         }
     }
@@ -176,6 +209,7 @@ impl Command {
     pub(crate) fn threads(&self) -> Option<usize> {
         match self {
             Command::Bake(bake) => bake.threads.map(usize::from),
+            Command::Relight(relight) => relight.threads.map(usize::from),
             Command::Info(_) => None,
         }
     }
@@ -220,6 +254,20 @@ impl BakeArguments {
                 AuditChoice::Off => Effort::Off,
             },
             ..defaults
+        }
+    }
+}
+
+impl RelightArguments {
+    /// What the options mean.
+    pub(crate) fn settings(&self) -> RelightSettings {
+        RelightSettings {
+            folder: self.folder.clone(),
+            changes: self.changes.clone(),
+            out: self.out.clone(),
+            force: self.force,
+            refine: self.refine,
+            scene: self.scene.clone(),
         }
     }
 }
@@ -273,7 +321,7 @@ mod tests {
         let typed = ["lightkiln", "bake", "rooms/hall.glb"].iter().chain(options);
         match Arguments::try_parse_from(typed).expect("valid options").command {
             Command::Bake(bake) => bake.settings(),
-            Command::Info(_) => panic!("bake was typed"),
+            Command::Relight(_) | Command::Info(_) => panic!("bake was typed"),
         }
     }
 

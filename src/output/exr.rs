@@ -24,6 +24,8 @@ pub struct PageAttributes {
     pub page: usize,
     /// Hash of the scene file and all that it refers to.
     pub scene_hash: String,
+    /// Light group that is shown, none for all light.
+    pub group: Option<String>,
 }
 
 /// Largest value that a channel of `precision` holds.
@@ -93,6 +95,7 @@ fn layer_attributes(attributes: &PageAttributes) -> LayerAttributes {
         ("lightkiln:version".into(), text(version)),
         ("lightkiln:sceneHash".into(), text(&attributes.scene_hash)),
     ]);
+    layer.other.extend(attributes.group.as_ref().map(|group| ("lightkiln:group".into(), text(group))));
     layer
 }
 
@@ -141,7 +144,13 @@ mod tests {
     use exr::prelude::{ReadChannels, ReadLayers};
 
     fn attributes() -> PageAttributes {
-        PageAttributes { quantity: Quantity::Radiance, uv_set: 1, page: 3, scene_hash: "abc".into() }
+        PageAttributes {
+            quantity: Quantity::Radiance,
+            uv_set: 1,
+            page: 3,
+            scene_hash: "abc".into(),
+            group: Some("Key".into()),
+        }
     }
 
     fn gradient() -> PageImage {
@@ -198,6 +207,7 @@ mod tests {
         assert_eq!(text("lightkiln:unit"), "W/(m^2*sr)");
         assert_eq!(text("lightkiln:uvSet"), "TEXCOORD_1");
         assert_eq!(text("lightkiln:sceneHash"), "abc");
+        assert_eq!(text("lightkiln:group"), "Key");
         assert_eq!(other[&Text::from("lightkiln:page")], AttributeValue::I32(3));
         assert_eq!(image.attributes.chromaticities, Some(rec709()));
     }

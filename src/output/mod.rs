@@ -10,15 +10,15 @@ pub mod process;
 pub mod report;
 mod thumbnail;
 
-pub use files::{OutputError, OutputSet};
+pub use files::{OutputError, OutputSet, open_result, read_result};
 pub use report::Report;
 
 use crate::units::Quantity;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 
 /// Bits per channel of the EXR pages.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Precision {
     /// Half floats: 11 significant bits, up to 65504.
@@ -29,7 +29,7 @@ pub enum Precision {
 }
 
 /// Where the results go and in which form.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct OutputSettings {
     /// Folder of the results; created if it does not exist.
     pub folder: PathBuf,
@@ -37,7 +37,7 @@ pub struct OutputSettings {
     pub force: bool,
     /// What a texel of the EXR pages means.
     pub quantity: Quantity,
-    /// True: a page for every light group, too.
+    /// True: a page for every light group, too, and what relighting needs.
     pub groups: bool,
     /// How it is stored.
     pub precision: Precision,

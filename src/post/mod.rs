@@ -12,10 +12,11 @@ use crate::atlas::{Atlas, PageImage, Texels};
 use crate::progress::{Cancelled, Progress, Stage};
 use crate::scene::{Rgb, Scene};
 use crate::units::Quantity;
+use serde::{Deserialize, Serialize};
 use std::borrow::Cow;
 
 /// What is done to the pages.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct PostSettings {
     /// True: values on both sides of a chart edge are made to agree where the surface goes on smoothly.
     pub seams: bool,
@@ -99,13 +100,13 @@ pub fn fill_borders(
     Ok(())
 }
 
+/// Fills the empty texels within `rings` of the valid ones.
+pub fn fill_around(page: &mut PageImage, rings: u32) {
+    dilate::dilate(page, rings);
+}
+
 /// Pages with the values of all texels, filled as far as lookups across seams reach, and which texels have values.
-fn placed(
-    atlas: &Atlas,
-    texels: &Texels,
-    values: &[Rgb],
-    settings: &PostSettings,
-) -> (Vec<PageImage>, Vec<Vec<bool>>) {
+fn placed(atlas: &Atlas, texels: &Texels, values: &[Rgb], settings: &PostSettings) -> (Vec<PageImage>, Vec<Vec<bool>>) {
     let mut pages = place(atlas, texels, values);
     let filled = pages.iter().map(|p| p.valid.clone()).collect();
     if settings.seams {

@@ -2,6 +2,7 @@
 
 use super::Known;
 use crate::scene::{MAX_REFLECTANCE, Rgb};
+use std::fmt;
 use std::str::FromStr;
 use thiserror::Error;
 
@@ -15,6 +16,13 @@ pub struct Assignment {
     pub key: String,
     /// What stands behind it: one number for all channels, or one for each.
     pub value: Rgb,
+}
+
+impl fmt::Display for Assignment {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        let [r, g, b] = self.value.to_array();
+        if r == g && g == b { write!(f, "{}={r}", self.key) } else { write!(f, "{}={r},{g},{b}", self.key) }
+    }
 }
 
 impl FromStr for Assignment {
@@ -51,7 +59,9 @@ pub enum ChangeError {
         nearest: String,
     },
     /// The light has no group of its own.
-    #[error("`{key}` was baked as part of the group `{group}` with other lights; change that, or bake it in a group of its own")]
+    #[error(
+        "`{key}` was baked as part of the group `{group}` with other lights; change that, or bake it in a group of its own"
+    )]
     Part {
         /// The light.
         key: String,
@@ -62,7 +72,9 @@ pub enum ChangeError {
     #[error("`{0}` gave no light when it was baked, and no factor turns that on; bake the scene again with it on")]
     Dark(String),
     /// The channel had no light when it was baked.
-    #[error("`{0}` gave no light in one of the channels that the new colour has; bake the scene again with that colour")]
+    #[error(
+        "`{0}` gave no light in one of the channels that the new colour has; bake the scene again with that colour"
+    )]
     DarkChannel(String),
     /// There is no colour to replace.
     #[error("`{0}` has lights of several colours or a textured one; tint it with `{0}=r,g,b`, which multiplies")]
@@ -96,10 +108,8 @@ pub struct Changes {
 impl Changes {
     /// What the assignments mean for a bake that knows these names. They are relative to the bake.
     pub fn resolve(assignments: &[Assignment], known: &Known) -> Result<Self, ChangeError> {
-        let mut changes = Self {
-            light: vec![Rgb::ONE; known.groups.len()],
-            reflectance: vec![Rgb::ONE; known.materials.len()],
-        };
+        let mut changes =
+            Self { light: vec![Rgb::ONE; known.groups.len()], reflectance: vec![Rgb::ONE; known.materials.len()] };
         let mut seen = Vec::new();
         for Assignment { key, value } in assignments {
             if seen.contains(&key) {
@@ -232,12 +242,7 @@ mod tests {
                 group("Ceiling", Some([1.0; 3])),
                 group("material:Screen", None),
             ],
-            lights: vec![
-                ("Key".into(), 0),
-                ("Left".into(), 1),
-                ("Right".into(), 1),
-                ("material:Screen".into(), 2),
-            ],
+            lights: vec![("Key".into(), 0), ("Left".into(), 1), ("Right".into(), 1), ("material:Screen".into(), 2)],
             materials: vec![material("Wall", 0.8), material("Screen", 0.0)],
             dark: vec!["Hall/Torch".into()],
         }

@@ -29,15 +29,15 @@ pub struct Relit {
 }
 
 /// Recombines the groups of `solution`. `group_page` takes the pages of each group as they come: the group's number, the
-/// page's, and the page with its borders filled.
+/// page's, its layout, and the page with its borders filled.
 pub fn relight<R: Read, E: From<SolutionError> + From<Cancelled>>(
     mut solution: SolutionReader<R>,
     changes: &Changes,
     progress: &dyn Progress,
-    mut group_page: impl FnMut(usize, usize, PageImage) -> Result<(), E>,
+    mut group_page: impl FnMut(usize, usize, &PageLayout, PageImage) -> Result<(), E>,
 ) -> Result<Relit, E> {
-    let bounced = (!changes.keeps_reflectance())
-        .then(|| solution.patches.change(|material| changes.reflectance[material]));
+    let bounced =
+        (!changes.keeps_reflectance()).then(|| solution.patches.change(|material| changes.reflectance[material]));
     progress.report(Stage::Solve, 1.0);
     let page_count = solution.header.report["atlas"]["pages"].as_array().map_or(0, Vec::len);
     let layouts = (0..page_count).map(|_| solution.page()).collect::<Result<Vec<_>, SolutionError>>()?;
@@ -61,7 +61,7 @@ pub fn relight<R: Read, E: From<SolutionError> + From<Cancelled>>(
                 pages[k].rgb[place as usize] += value * factor;
             }
             post::fill_borders(std::slice::from_mut(&mut image), std::slice::from_mut(&mut filled), rings, progress)?;
-            group_page(group, k, image)?;
+            group_page(group, k, layout, image)?;
             progress.report(Stage::Post, (group * page_count + k + 1) as f64 / steps as f64);
         }
     }

@@ -44,7 +44,9 @@ pub enum SolutionError {
     #[error("it is no solution of Lightkiln; bake the scene again with --groups")]
     Foreign,
     /// Written by another version of the format.
-    #[error("it has version {0} of the format, and this Lightkiln reads version {VERSION}; bake the scene again with --groups")]
+    #[error(
+        "it has version {0} of the format, and this Lightkiln reads version {VERSION}; bake the scene again with --groups"
+    )]
     Version(u32),
     /// It ends too early.
     #[error("it ends too early: the file is truncated; bake the scene again with --groups")]
@@ -61,22 +63,22 @@ pub struct SolutionWriter {
 
 impl SolutionWriter {
     /// Begins with the header and the patches.
-    pub fn new(header: &Header, patches: &Patches) -> io::Result<Self> {
+    pub fn new(header: &Header, patches: &Patches) -> Self {
         let mut bytes = MAGIC.to_vec();
         bytes.extend(VERSION.to_le_bytes());
         let mut writer = Self { bytes };
-        writer.section(HEAD, &serde_json::to_vec(header)?)?;
-        writer.section(PTCH, &encode_patches(patches))?;
-        Ok(writer)
+        writer.section(HEAD, &serde_json::to_vec(header).expect("strings and numbers are valid JSON"));
+        writer.section(PTCH, &encode_patches(patches));
+        writer
     }
 
     /// Adds the layout of the next page.
-    pub fn page(&mut self, layout: &PageLayout) -> io::Result<()> {
-        self.section(PAGE, &encode_layout(layout))
+    pub fn page(&mut self, layout: &PageLayout) {
+        self.section(PAGE, &encode_layout(layout));
     }
 
     /// Adds the next page of the next group.
-    pub fn group_page(&mut self, page: &GroupPage) -> io::Result<()> {
+    pub fn group_page(&mut self, page: &GroupPage) {
         let mut content = Vec::with_capacity(9 * page.irradiance.len());
         for c in 0..3 {
             put_halves(&mut content, page.irradiance.iter().map(|v| v[c]));
@@ -84,25 +86,23 @@ impl SolutionWriter {
         for c in 0..3 {
             put_bytes(&mut content, page.direct.iter().map(|v| v[c]));
         }
-        self.section(GRUP, &content)
+        self.section(GRUP, &content);
     }
 
     /// The whole file.
-    pub fn finish(mut self) -> io::Result<Vec<u8>> {
-        self.section(END, &[])?;
-        Ok(self.bytes)
+    pub fn finish(mut self) -> Vec<u8> {
+        self.section(END, &[]);
+        self.bytes
     }
 
-    fn section(&mut self, tag: Tag, content: &[u8]) -> io::Result<()> {
+    fn section(&mut self, tag: Tag, content: &[u8]) {
         let mut encoder = ZlibEncoder::new(Vec::new(), Compression::new(4));
-        encoder.write_all(content)?;
-        let stored = encoder.finish()?;
+        let stored = encoder.write_all(content).and_then(|()| encoder.finish()).expect("memory takes everything");
         self.bytes.extend(tag);
         self.bytes.extend((content.len() as u64).to_le_bytes());
         self.bytes.extend((stored.len() as u64).to_le_bytes());
         self.bytes.extend(checksum(&stored).to_le_bytes());
         self.bytes.extend(stored);
-        Ok(())
     }
 }
 
@@ -328,10 +328,10 @@ mod tests {
             rings: 2,
             known,
         };
-        let mut writer = SolutionWriter::new(&header, &patches()).expect("memory takes everything");
-        writer.page(&layout()).expect("memory takes everything");
-        writer.group_page(&group_page()).expect("memory takes everything");
-        writer.finish().expect("memory takes everything")
+        let mut writer = SolutionWriter::new(&header, &patches());
+        writer.page(&layout());
+        writer.group_page(&group_page());
+        writer.finish()
     }
 
     fn patches() -> Patches {

@@ -39,17 +39,7 @@ impl PageLayout {
         let places: Vec<u32> = (0..filled.len() as u32).filter(|&i| filled[i as usize]).collect();
         let map = &texels.pages[page].texel;
         let (width, height) = (atlas.pages[page].width, atlas.pages[page].height);
-        let near = |i: u32| {
-            let (x, y) = (i % width, i / width);
-            let columns = x.saturating_sub(1)..(x + 2).min(width);
-            let mut around = (y.saturating_sub(1)..(y + 2).min(height))
-                .flat_map(|y| columns.clone().map(move |x| map[(y * width + x) as usize]));
-            match map[i as usize] {
-                NO_TEXEL => around.find(|&t| t != NO_TEXEL),
-                own => Some(own),
-            }
-        };
-        let texel: Vec<Option<u32>> = places.iter().map(|&i| near(i)).collect();
+        let texel: Vec<Option<u32>> = places.iter().map(|&i| Self::nearest(map, width, height, i)).collect();
         Self {
             width,
             height,
@@ -58,6 +48,18 @@ impl PageLayout {
             patch: texel.iter().map(|t| t.and_then(&patch_of).unwrap_or(NO_PATCH)).collect(),
             places,
             ..Self::default()
+        }
+    }
+
+    /// The texel at place `i` of a page with `map` from places to texels, or else one beside it.
+    pub fn nearest(map: &[u32], width: u32, height: u32, i: u32) -> Option<u32> {
+        let (x, y) = (i % width, i / width);
+        let columns = x.saturating_sub(1)..(x + 2).min(width);
+        let mut around = (y.saturating_sub(1)..(y + 2).min(height))
+            .flat_map(|y| columns.clone().map(move |x| map[(y * width + x) as usize]));
+        match map[i as usize] {
+            NO_TEXEL => around.find(|&t| t != NO_TEXEL),
+            own => Some(own),
         }
     }
 

@@ -85,6 +85,11 @@ pub struct GroupPage {
 }
 
 impl Known {
+    /// Names of the lights in a group.
+    pub fn lights_of(&self, group: usize) -> Vec<String> {
+        self.lights.iter().filter(|(_, g)| *g == group).map(|(name, _)| name.clone()).collect()
+    }
+
     /// What there is to change in a scene whose materials reflect `reflectance` on average. `warnings` tell of dark lamps.
     pub fn of(scene: &Scene, groups: &LightGroups, reflectance: &[Rgb], warnings: &[Warning]) -> Self {
         let mut lights: Vec<(String, usize)> = Vec::new();

@@ -80,8 +80,11 @@ impl Patches {
             None => of_element.get(receiver as usize).copied().unwrap_or(NOTHING),
         };
         let groups = direct.groups();
-        let mut patches =
-            Self { own: Grouped::new(groups, ranges.len()), direct: Grouped::new(groups, ranges.len()), ..Self::default() };
+        let mut patches = Self {
+            own: Grouped::new(groups, ranges.len()),
+            direct: Grouped::new(groups, ranges.len()),
+            ..Self::default()
+        };
         for (p, range) in ranges.iter().enumerate() {
             let area = |e: u32| tree.nodes[tree.elements[e as usize].node as usize].area;
             let total: f32 = range.clone().map(area).sum::<f32>().max(f32::MIN_POSITIVE);
@@ -91,7 +94,9 @@ impl Patches {
                 add(patches.direct.of_mut(p), direct.of(e as usize), share);
             }
             patches.first_ray.push(patches.rays.len() as u32);
-            patches.rays.extend(rays(tree, range, &bounce.hits).map(|hit| if hit == NOTHING { hit } else { patch_of(hit) }));
+            patches
+                .rays
+                .extend(rays(tree, range, &bounce.hits).map(|hit| if hit == NOTHING { hit } else { patch_of(hit) }));
             patches.reflectors.extend(reflectors(lit, p as u32, range));
         }
         patches.first_ray.push(patches.rays.len() as u32);

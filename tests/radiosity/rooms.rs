@@ -136,7 +136,7 @@ pub(crate) fn baked(scene: &Scene, texels_per_metre: f32, error: f32) -> Baked {
 pub(crate) fn baked_with(scene: &Scene, groups: &LightGroups, texels_per_metre: f32, error: f32) -> Baked {
     let (atlas, texels) = laid_out(scene, texels_per_metre);
     let mut clock = StageClock::start();
-    let (light, _) =
+    let (light, ..) =
         bake::light(&Accel::build(scene), &atlas, &texels, groups, error, &mut clock, &Silent).expect("nobody cancels");
     Baked { atlas, texels, light }
 }
