@@ -30,12 +30,12 @@ pub(super) struct Problem {
 }
 
 impl Problem {
-    /// The best values x for values `before` in place of [`Problem::values`].
-    pub(super) fn solve(&self, before: &[DVec3]) -> Vec<DVec3> {
-        let n = before.len();
+    /// The best values x.
+    pub(super) fn solve(&self) -> Vec<DVec3> {
+        let n = self.values.len();
         let diagonal = self.diagonal();
         let mut change = vec![DVec3::ZERO; n];
-        let mut residual: Vec<DVec3> = self.normal(before, false).into_iter().map(|r| -r).collect();
+        let mut residual: Vec<DVec3> = self.normal(&self.values, false).into_iter().map(|r| -r).collect();
         let mut direction: Vec<DVec3> = residual.iter().zip(&diagonal).map(|(r, d)| *r / *d).collect();
         let mut energy = dot(&residual, &direction);
         let goal = energy * TOLERANCE;
@@ -57,7 +57,7 @@ impl Problem {
             }
             energy = next;
         }
-        before.iter().zip(change).map(|(x, c)| *x + c).collect()
+        self.values.iter().zip(change).map(|(x, c)| *x + c).collect()
     }
 
     /// (CᵀC + W)·x, or CᵀC·x alone.
@@ -113,7 +113,7 @@ mod tests {
         equation[1] = (1, -1.0);
         let problem =
             Problem { equations: vec![equation], values: vec![factors, 3.0 * factors], weights: vec![0.5, 0.5] };
-        let x = problem.solve(&problem.values);
+        let x = problem.solve();
         let moved = 2.0 / 2.5;
         assert!((x[0] - factors * (1.0 + moved)).length() < 1e-9, "{}", x[0]);
         assert!((x[1] - factors * (3.0 - moved)).length() < 1e-9, "{}", x[1]);
@@ -126,6 +126,6 @@ mod tests {
         equation[1] = (1, -1.0);
         let values = vec![DVec3::splat(7.0); 2];
         let problem = Problem { equations: vec![equation], values: values.clone(), weights: vec![1.0; 2] };
-        assert_eq!(problem.solve(&problem.values), values);
+        assert_eq!(problem.solve(), values);
     }
 }

@@ -126,22 +126,33 @@ impl Map<'_> {
         if problem.equations.iter().all(|e| mismatch(e, &problem.values) == DVec3::ZERO) {
             return Vec::new();
         }
-        let solution = problem.solve(&problem.values);
-        let parts = match self.part {
-            Some(part) => {
-                let before: Vec<DVec3> = places.iter().map(|&(p, i)| part[p].rgb[i as usize].as_dvec3()).collect();
-                problem.solve(&before)
-            }
-            None => vec![DVec3::ZERO; places.len()],
+        let solution = problem.solve();
+        // No new extremes: what agrees by overshooting would show as a bright or dark line.
+        let value = |x: DVec3, range: &Range| x.as_vec3().max(range.low).min(range.high);
+        let changes = places.into_iter().zip(solution).zip(&ranges);
+        let change = |((place, x), range): ((Place, DVec3), &Range)| {
+            let value = value(x, range);
+            Change { place, value, part: value * self.share(place) }
         };
-        let change = |(((place, x), part), range): (((Place, DVec3), DVec3), &Range)| {
-            // No new extremes: what agrees by overshooting would show as a bright or dark line.
-            let value = x.as_vec3().max(range.low).min(range.high);
-            // Of what that takes away, every part of the light bears its share.
-            let kept = Rgb::from_array(std::array::from_fn(|c| if x[c] > 0.0 { value[c] / x[c] as f32 } else { 1.0 }));
-            Change { place, value, part: part.as_vec3().max(Rgb::ZERO) * kept }
+        changes.map(change).collect()
+    }
+
+    /// The part's share of the light at a place or, where that is dark, around it.
+    fn share(&self, (page, i): Place) -> Rgb {
+        let Some(part) = self.part else { return Rgb::ZERO };
+        let (whole, part) = (&self.pages[page], &part[page]);
+        let (x, y) = (i % whole.width, i / whole.width);
+        let columns = || x.saturating_sub(1)..(x + 2).min(whole.width);
+        let around = || {
+            let rows = y.saturating_sub(1)..(y + 2).min(whole.height);
+            rows.flat_map(|y| columns().map(move |x| (y * whole.width + x) as usize))
         };
-        places.into_iter().zip(solution).zip(parts).zip(&ranges).map(change).collect()
+        let own = (whole.rgb[i as usize], part.rgb[i as usize]);
+        let sums = (around().map(|i| whole.rgb[i]).sum::<Rgb>(), around().map(|i| part.rgb[i]).sum::<Rgb>());
+        Rgb::from_array(std::array::from_fn(|c| {
+            let (whole, part) = if own.0[c] > 0.0 { own } else { sums };
+            if whole[c] > 0.0 { part[c] / whole[c] } else { 0.0 }
+        }))
     }
 
     /// Both footprints of a lookup, the second with negative weights, and the range of the values around them; none if
