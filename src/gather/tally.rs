@@ -26,6 +26,11 @@ impl Grouped {
         self.groups
     }
 
+    /// All values, item by item.
+    pub fn values(&self) -> &[Rgb] {
+        &self.values
+    }
+
     /// The groups' values of one item.
     pub fn of(&self, item: usize) -> &[Rgb] {
         &self.values[item * self.groups..(item + 1) * self.groups]
