@@ -108,10 +108,10 @@ fn difference(got: &[f32], want: &[f32]) -> f32 {
     (squares / got.len() as f32).sqrt() / (want.iter().sum::<f32>() / want.len() as f32)
 }
 
-/// Holds pages together to rounding to half floats, each of `parts` once.
-fn check_rounding(what: &str, got: &[f32], want: &[f32], parts: f32) {
+/// Holds pages together to so many roundings to half floats: pages are kept in them, and borders are filled anew.
+fn check_rounding(what: &str, got: &[f32], want: &[f32], roundings: f32) {
     for (i, (a, b)) in got.iter().zip(want).enumerate() {
-        assert!((a - b).abs() <= parts * b.abs() / 2048.0 + 1e-6, "{what}, value {i}: {a} instead of {b}");
+        assert!((a - b).abs() <= roundings * b.abs() / 2048.0 + 1e-6, "{what}, value {i}: {a} instead of {b}");
     }
 }
 
@@ -150,10 +150,10 @@ fn lamps_are_changed_exactly() {
         page.iter().enumerate().map(|(i, v)| v * factors[i / channel]).collect::<Vec<f32>>()
     };
     let (key, fill) = (times("maps/lightmap_0.Key.exr", [2.0; 3]), times("maps/lightmap_0.Fill.exr", [0.5, 1.0, 2.0]));
-    check_rounding("Key", &bench.page("relit/lightmap_0.Key.exr"), &key, 1.0);
-    check_rounding("Fill", &bench.page("relit/lightmap_0.Fill.exr"), &fill, 1.0);
+    check_rounding("Key", &bench.page("relit/lightmap_0.Key.exr"), &key, 2.0);
+    check_rounding("Fill", &bench.page("relit/lightmap_0.Fill.exr"), &fill, 2.0);
     let sum: Vec<f32> = key.iter().zip(&fill).map(|(a, b)| a + b).collect();
-    check_rounding("whole", &bench.page("relit/lightmap_0.exr"), &sum, 2.0);
+    check_rounding("whole", &bench.page("relit/lightmap_0.exr"), &sum, 4.0);
     assert!(bench.page("relit/lightmap_0.environment.exr").iter().all(|&v| v == 0.0));
     assert!(bench.path("relit/room.lit.glb").is_file() && bench.path("relit/report.html").is_file());
 
@@ -167,7 +167,7 @@ fn lamps_are_changed_exactly() {
     assert!(miss < 0.01, "{miss}");
     // The same as a colour: the strongest channel keeps its strength.
     bench.relight("colour", &["Key.color=3,1,0.1666667", "Key.power=3"]);
-    check_rounding("colour", &bench.page("colour/lightmap_0.exr"), &bench.page("relit/lightmap_0.exr"), 2.0);
+    check_rounding("colour", &bench.page("colour/lightmap_0.exr"), &bench.page("relit/lightmap_0.exr"), 4.0);
 }
 
 #[test]

@@ -16,7 +16,7 @@ const SMOOTHING: usize = 4;
 /// Times that is done; twice makes a tent of a box.
 const PASSES: usize = 2;
 /// Error to be expected of bounced light that was changed by reflectances, as a share of that change.
-const UNCERTAINTY: f64 = 0.1;
+const UNCERTAINTY: f64 = 0.25;
 
 /// A page of every light group and the whole, after changes.
 pub struct Relit {

@@ -9,6 +9,7 @@ mod combine;
 mod file;
 mod layout;
 mod patches;
+mod records;
 
 pub use changes::{Assignment, ChangeError, Changes};
 pub use combine::{Relit, relight};

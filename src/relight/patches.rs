@@ -12,10 +12,10 @@ use rayon::prelude::*;
 use std::ops::Range;
 
 /// Surfels of one patch at most, unless it is one element.
-const SURFELS: usize = 64;
+const SURFELS: usize = 16;
 /// Rays that are kept per surfel of a patch, and bounds on their number.
 const RAYS_PER_SURFEL: usize = 4;
-const FEWEST_RAYS: usize = 32;
+const FEWEST_RAYS: usize = 64;
 const MOST_RAYS: usize = 256;
 /// Iterations at most, and the relative change at which they end.
 const ITERATIONS: usize = 256;
