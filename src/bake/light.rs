@@ -67,7 +67,7 @@ pub fn light(
     lamps.extend(Lamp::of_environment(&scene.environment, sky));
     let portals =
         clock.measure(Stage::Direct, || Portals::find(accel, &footprint, texels.len() as u32, sky, progress))?;
-    let lamps = Lamps::new(lamps, portals, &accel);
+    let lamps = Lamps::new(lamps, portals, accel);
     let direct_settings = DirectSettings::for_error(error);
     let direct = clock.measure(Stage::Direct, || {
         gather::texel_direct(&lamps, groups.len(), atlas, texels, &footprint, &direct_settings, progress)
@@ -82,7 +82,7 @@ pub fn light(
             lamps.screen(position, normal).sky(position, direction, solid_angle)
         };
         let survey = solve::survey(accel, &surfels, &tree, sky, SURVEY_RAYS, progress)?;
-        let exchange = Exchange { hierarchy: &tree, surfels: &surfels, accel: &accel };
+        let exchange = Exchange { hierarchy: &tree, surfels: &surfels, accel };
         let settings = SolveSettings::for_error(error);
         let solution = solve::solve(&exchange, &elements, &survey, &settings, progress)?;
         let by_group: Vec<Vec<Rgb>> = (0..groups.len())
