@@ -155,7 +155,9 @@ fn lamps_are_changed_exactly() {
     let sum: Vec<f32> = key.iter().zip(&fill).map(|(a, b)| a + b).collect();
     check_rounding("whole", &bench.page("relit/lightmap_0.exr"), &sum, 4.0);
     assert!(bench.page("relit/lightmap_0.environment.exr").iter().all(|&v| v == 0.0));
-    assert!(bench.path("relit/room.lit.glb").is_file() && bench.path("relit/report.html").is_file());
+    assert!(bench.path("relit/room.lit.glb").is_file());
+    let html = fs::read_to_string(bench.path("relit/report.html")).expect("it was written");
+    assert!(html.contains("Fill=0.5,1,2") && html.contains("Light groups"));
 
     bench.write("bright.glb", |lamp, [r, g, b]| match lamp {
         "Key" => [3.0 * r, 1.5 * g, 0.5 * b],
