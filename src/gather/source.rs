@@ -36,7 +36,7 @@ pub struct Start<'a> {
 
 /// What a ray sees.
 #[derive(Clone, Copy, Debug)]
-pub struct Seen {
+pub(super) struct Seen {
     /// W/(m²·sr).
     pub radiance: Rgb,
     /// The receiver that reflects it: an element, or behind all elements a shut texel.
@@ -45,7 +45,7 @@ pub struct Seen {
 
 /// What a path sees.
 #[derive(Clone, Copy, Debug)]
-pub struct Followed {
+pub(super) struct Followed {
     /// W/(m²·sr).
     pub radiance: Rgb,
     /// Distance to the first surface, metres.
