@@ -1,29 +1,36 @@
 //! The order of the stages: scene file and settings → results on the disk.
 
 mod groups;
+mod keeper;
 mod light;
+mod observer;
+mod preview;
+mod refine;
 mod relight;
 mod results;
 
-pub use light::{Counts, TexelPatches, light};
+pub use light::{Lit, TexelPatches, light};
+pub use observer::{Counts, Draft, Found, FoundSoFar, Observer, Refinement, Solution};
+pub use preview::{Preview, preview};
 pub use relight::{RelightSettings, relight};
 
 use crate::accel::Accel;
 use crate::atlas::{self, AtlasError};
-use crate::audit::{self, AuditSettings};
 use crate::config::Settings;
-use crate::import::{self, ImportError};
+use crate::import::{self, ImportError, Imported};
+use crate::output::OutputError;
+use crate::output::checkpoint::{self, CheckpointError, Key};
 use crate::output::glb::GlbError;
 use crate::output::identity::scene_hash;
 pub use crate::output::report::Report;
-use crate::output::report::{SCHEMA, StageClock};
-use crate::output::{OutputError, process};
-use crate::post;
+use crate::output::report::StageClock;
 use crate::progress::{Cancelled, Progress, Stage};
 use crate::relight::{ChangeError, SolutionError};
 use crate::scene::{LightGroups, Rgb};
+use crate::warning::Warning;
 use groups::GroupedLight;
-use results::Results;
+use keeper::{Keeper, Pace};
+use results::{Findings, Results, Subject};
 use std::path::{Path, PathBuf};
 use thiserror::Error;
 
@@ -39,6 +46,9 @@ pub enum BakeError {
     /// There is no layout for it.
     #[error(transparent)]
     Atlas(AtlasError),
+    /// A checkpoint cannot be used.
+    #[error(transparent)]
+    Checkpoint(#[from] CheckpointError),
     /// Results cannot be written.
     #[error(transparent)]
     Output(#[from] OutputError),
@@ -103,6 +113,7 @@ impl BakeError {
             Self::Cancelled(_) => "interrupted",
             Self::Import(_) => "import",
             Self::Atlas(_) => "atlas",
+            Self::Checkpoint(_) => "checkpoint",
             Self::Output(e) => e.code(),
             Self::NoSolution(_) | Self::Solution { .. } => "solution",
             Self::Change(_) => "change",
@@ -114,74 +125,87 @@ impl BakeError {
 
 /// Bakes the scene in `path` and writes the results.
 pub fn bake(path: &Path, settings: &Settings, progress: &dyn Progress) -> Result<Report, BakeError> {
-    let mut clock = StageClock::start();
+    let clock = StageClock::start();
+    let folder = &settings.output.folder;
     let mut results = Results::open(path, settings)?;
 
-    let (mut imported, hash) = clock.measure(Stage::Import, || {
+    let (Imported { mut scene, document, mut warnings }, hash) = clock.measure(Stage::Import, || {
         let imported = import::load(path, &settings.import, progress)?;
         let hash = scene_hash(&imported.document);
         Ok::<_, ImportError>((imported, hash))
     })?;
-    imported.warnings.iter().for_each(|w| progress.warn(w));
-    for material in &mut imported.scene.materials {
+    if !settings.resume && checkpoint::exists(folder) {
+        let message = "an interrupted bake has left it, and it is not used: --resume goes on from it";
+        warnings.push(Warning::new("checkpoint_unused", "checkpoint.lk", message));
+    }
+    let groups = if settings.output.groups { LightGroups::named(&scene) } else { LightGroups::none(&scene) };
+    warnings.extend(groups::too_many(&groups));
+    warnings.iter().for_each(|w| progress.warn(w));
+    for material in &mut scene.materials {
         if let Some(&factor) = settings.reflectance.get(&material.name) {
             material.base_color *= Rgb::from_array(factor);
         }
     }
-    let scene = &imported.scene;
+    let key = Key::new(&hash, settings.of_light());
+    let before: Option<(u32, Found)> = if settings.resume { checkpoint::read(folder, &key)? } else { None };
 
-    let (atlas, faults) = clock.measure(Stage::Atlas, || atlas::build(scene, &settings.atlas, progress))?;
+    let (atlas, faults) = clock.measure(Stage::Atlas, || atlas::build(&scene, &settings.atlas, progress))?;
     faults.iter().for_each(|w| progress.warn(w));
-    imported.warnings.extend(faults);
-    let texels = clock.measure(Stage::Texels, || atlas::rasterise(scene, &atlas, progress))?;
+    warnings.extend(faults);
+    let texels = clock.measure(Stage::Texels, || atlas::rasterise(&scene, &atlas, progress))?;
+    let accel = clock.measure(Stage::Accel, || Accel::build(&scene));
 
-    let accel = clock.measure(Stage::Accel, || Accel::build(scene));
-    let groups = if settings.output.groups { LightGroups::named(scene) } else { LightGroups::none(scene) };
-    let too_many = groups::too_many(&groups);
-    too_many.iter().for_each(|w| progress.warn(w));
-    imported.warnings.extend(too_many);
-    let (mut lightmap, counts, patches) =
-        light(&accel, &atlas, &texels, &groups, settings.error, &mut clock, progress)?;
-    let irradiance = clock.measure(Stage::Post, || {
-        post::fill_unusable(&atlas, &texels, &mut lightmap.combined, &lightmap.usable);
-        post::finish(&atlas, &texels, scene, &lightmap.combined, &settings.post, progress)
-    })?;
-
-    let audit = match settings.audit.most_rays(counts.rays.values().sum()) {
-        Some(most_rays) => clock.measure(Stage::Audit, || {
-            let baked = post::at_texels(&atlas, &texels, &irradiance);
-            let seed = u32::from_str_radix(hash.get(..8).unwrap_or_default(), 16).unwrap_or_default();
-            let settings = AuditSettings { target: settings.error, most_rays, seed };
-            audit::audit(&accel, &atlas, &texels, &lightmap.usable, &baked, &settings, progress)
-        })?,
-        None => None,
+    let subject = Subject {
+        path,
+        hash: &hash,
+        document: &document,
+        scene: &scene,
+        atlas: &atlas,
+        texels: &texels,
+        layout: texels.fingerprint(),
+        settings,
     };
-
-    let pages = clock.measure(Stage::Output, || {
-        results.write_pages(&mut imported, &hash, (&atlas, &texels), &irradiance, settings, progress)
-    })?;
-    let mut report = Report {
-        schema: SCHEMA,
-        version: env!("CARGO_PKG_VERSION"),
-        scene: results::scene_facts(&imported, path, hash),
-        settings: settings.facts(),
-        stages: clock.stages().to_vec(),
-        total: clock.total(),
-        rays: counts.rays,
-        solver: counts.solver,
-        atlas: results::atlas_facts(&atlas, &texels, &pages),
-        groups: Vec::new(),
-        relight: None,
-        audit,
-        memory_peak_bytes: process::peak_memory(),
-        warnings: imported.warnings.clone(),
-        outputs: Vec::new(),
-    };
-    if let Some(patches) = &patches {
-        let (scene, atlas, texels, groups) = (&imported.scene, &atlas, &texels, &groups);
-        let light = GroupedLight { scene, atlas, texels, groups, lightmap: &lightmap, patches };
-        clock.measure(Stage::Output, || light.write(&mut results, &mut report, settings, progress))?;
+    if before.as_ref().is_some_and(|(layout, _)| *layout != subject.layout) {
+        return Err(CheckpointError::Layout(checkpoint::path(folder)).into());
     }
-    results.finish(&mut report, &pages, progress)?;
+    let mut keeper = Keeper {
+        subject: &subject,
+        results: &mut results,
+        clock: &clock,
+        progress,
+        warnings: &mut warnings,
+        before: before.map(|(_, found)| found),
+        states: settings.progressive.then(Pace::of_states),
+        accel: &accel,
+        judged: None,
+        refinements: Vec::new(),
+        checkpoints: settings.checkpoint.map(|every| (Pace::every(every), key)),
+    };
+    let Lit { lightmap, state, counts, patches } = if settings.preview {
+        let Preview { lightmap, state, counts, .. } = preview(&accel, &atlas, &texels, &clock, progress)?;
+        // It is judged, if that is asked for, but stays what it is.
+        keeper.judge(&lightmap, &[], &counts)?;
+        keeper.refinements.clear();
+        Lit { lightmap, state, counts, patches: None }
+    } else {
+        let first = keeper.first_look()?;
+        light(&accel, &atlas, &texels, &groups, settings.error, first.as_ref(), &mut keeper, &clock, progress)?
+    };
+    let (irradiance, audit) = match keeper.judged.take() {
+        Some(judged) => judged,
+        None => (keeper.finish(&lightmap)?, None),
+    };
+    let refinements = keeper.refinements;
+    let findings = Findings { state, counts, audit, refinements, warnings };
+    let grouped = patches.as_ref().map(|patches| GroupedLight {
+        subject: &subject,
+        groups: &groups,
+        lightmap: &lightmap,
+        patches,
+    });
+    let report = results.publish(&subject, &irradiance, findings, grouped.as_ref(), &clock, progress)?;
+    if settings.checkpoint.is_some() {
+        checkpoint::remove(folder);
+    }
     Ok(report)
 }

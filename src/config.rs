@@ -9,6 +9,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::ops::RangeInclusive;
+use std::time::Duration;
 
 /// Errors that can be aimed for, as a share.
 pub const ERROR_RANGE: RangeInclusive<f32> = 0.001..=0.5;
@@ -28,6 +29,14 @@ pub struct Settings {
     pub reflectance: BTreeMap<String, [f32; 3]>,
     /// Relative error to aim for, within [`ERROR_RANGE`].
     pub error: f32,
+    /// True: a rough lightmap within seconds; the error is what it comes to.
+    pub preview: bool,
+    /// True: states of the running bake are shown in place of the results.
+    pub progressive: bool,
+    /// Time between checkpoints; none if there are none.
+    pub checkpoint: Option<Duration>,
+    /// True: the bake goes on from a checkpoint, if there is one.
+    pub resume: bool,
     /// How much may be spent on finding out whether it was met.
     pub audit: Effort,
 }
@@ -41,6 +50,10 @@ impl Default for Settings {
             output: OutputSettings::default(),
             reflectance: BTreeMap::new(),
             error: 0.02,
+            preview: false,
+            progressive: false,
+            checkpoint: None,
+            resume: false,
             audit: Effort::default(),
         }
     }
@@ -53,6 +66,7 @@ impl Settings {
         let facts = [
             // Through text, so that 0.02 does not become 0.019999999552965164.
             ("error", json!(self.error.to_string().parse::<f64>().ok())),
+            ("preview", json!(self.preview)),
             ("audit", json!(self.audit)),
             ("uv", json!(format!("{:?}", atlas.uv).to_lowercase())),
             ("unwrapper", json!(format!("{:?}", atlas.unwrapper).to_lowercase())),
@@ -64,5 +78,15 @@ impl Settings {
             ("precision", json!(output.precision)),
         ];
         facts.into_iter().map(|(name, value)| (name.to_owned(), value)).collect()
+    }
+
+    /// The settings that the light depends on, by the names of their options.
+    pub fn of_light(&self) -> BTreeMap<String, Value> {
+        let mut facts = self.facts();
+        facts.retain(|name, _| !["audit", "quantity", "precision"].contains(&name.as_str()));
+        facts.insert("light-units".into(), json!(self.import.light_units.map(|units| format!("{units:?}"))));
+        facts.insert("reflectance".into(), json!(self.reflectance));
+        facts.insert("scene".into(), json!(self.import.scene));
+        facts
     }
 }

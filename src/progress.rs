@@ -1,6 +1,7 @@
 //! How far the bake is, and whether it should go on. Stages report here; the binary decides what to show.
 
 use crate::warning::Warning;
+use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use thiserror::Error;
 
@@ -20,6 +21,8 @@ pub enum Stage {
     Texels,
     /// Building the ray acceleration structure.
     Accel,
+    /// A first look, where states of the bake are shown.
+    Preview,
     /// Light that comes straight from lamps.
     Direct,
     /// Link refinement and the radiosity solution.
@@ -42,6 +45,7 @@ impl Stage {
             Stage::Atlas => "atlas",
             Stage::Texels => "texels",
             Stage::Accel => "accel",
+            Stage::Preview => "preview",
             Stage::Direct => "direct",
             Stage::Solve => "solve",
             Stage::Gather => "gather",
@@ -58,6 +62,10 @@ pub trait Progress: Sync {
     fn report(&self, stage: Stage, done: f64);
     /// A fault of the asset, as soon as it is known. The report lists it, too.
     fn warn(&self, _warning: &Warning) {}
+    /// A running bake has left results that show what it has `reached`, with the relative error to expect of them.
+    fn improved(&self, _reached: &str, _predicted_error: f64, _files: &[PathBuf]) {}
+    /// It has left a checkpoint, from which it can go on if it is interrupted.
+    fn kept(&self, _checkpoint: &Path) {}
     /// True once the user asked to stop; stays true.
     fn is_cancelled(&self) -> bool;
 }
@@ -69,6 +77,16 @@ impl Progress for Silent {
     fn report(&self, _: Stage, _: f64) {}
     fn is_cancelled(&self) -> bool {
         false
+    }
+}
+
+/// Passes on nothing but the wish to stop: for work that is not a stage of its own.
+pub struct Quiet<'a>(pub &'a dyn Progress);
+
+impl Progress for Quiet<'_> {
+    fn report(&self, _: Stage, _: f64) {}
+    fn is_cancelled(&self) -> bool {
+        self.0.is_cancelled()
     }
 }
 

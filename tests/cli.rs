@@ -1,61 +1,13 @@
 //! The command line's contract: exit codes, JSON lines, files.
 
+mod bench;
 mod scene_file;
 
-use assert_cmd::Command;
+use bench::{Bench, code, events, stderr};
 use scene_file::lit_square;
 use serde_json::Value;
 use std::fs;
-use std::path::{Path, PathBuf};
-use std::process::Output;
-use tempfile::TempDir;
-
-struct Bench {
-    folder: TempDir,
-}
-
-impl Bench {
-    /// A folder with the scene `square.glb`.
-    fn new() -> Self {
-        let folder = TempDir::new().expect("a temporary folder");
-        lit_square().write(&folder.path().join("square.glb"));
-        Self { folder }
-    }
-
-    fn path(&self, name: &str) -> PathBuf {
-        self.folder.path().join(name)
-    }
-
-    fn run(&self, arguments: &[&str]) -> Output {
-        let mut command = Command::cargo_bin("lightkiln").expect("the binary is built for its tests");
-        command.current_dir(self.folder.path()).args(arguments).output().expect("it runs")
-    }
-
-    /// Names in a folder, none if there is no such folder.
-    fn names(&self, folder: &str) -> Vec<String> {
-        let entries = fs::read_dir(self.path(folder)).into_iter().flatten().flatten();
-        let mut names: Vec<String> = entries.map(|e| e.file_name().to_string_lossy().into_owned()).collect();
-        names.sort();
-        names
-    }
-}
-
-fn code(output: &Output) -> i32 {
-    output.status.code().expect("it ended by itself")
-}
-
-fn stderr(output: &Output) -> String {
-    String::from_utf8_lossy(&output.stderr).into_owned()
-}
-
-/// The JSON lines of the standard output, each an object with an event.
-fn events(output: &Output) -> Vec<Value> {
-    let text = std::str::from_utf8(&output.stdout).expect("JSON lines are UTF-8");
-    let line = |l: &str| serde_json::from_str::<Value>(l).unwrap_or_else(|e| panic!("{e}: {l}"));
-    let events: Vec<Value> = text.lines().map(line).collect();
-    assert!(events.iter().all(|e| e["event"].is_string()));
-    events
-}
+use std::path::Path;
 
 const RESULTS: [&str; 4] = ["lightmap_0.exr", "report.html", "report.json", "square.lit.glb"];
 

@@ -72,6 +72,14 @@ impl Texels {
         self.pixel.len()
     }
 
+    /// Tells layouts apart: a CRC-32 of where all texels lie, on the page and in the world.
+    pub fn fingerprint(&self) -> u32 {
+        let mut hasher = crc32fast::Hasher::new();
+        hasher.update(bytemuck::cast_slice(&self.pixel));
+        hasher.update(bytemuck::cast_slice(&self.position));
+        hasher.finalize()
+    }
+
     /// True if there is no texel.
     pub fn is_empty(&self) -> bool {
         self.pixel.is_empty()

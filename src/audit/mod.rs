@@ -31,6 +31,7 @@ use crate::atlas::Texels;
 use crate::scene::Rgb;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
+use std::ops::Range;
 
 /// What an audit is asked to find out.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -56,6 +57,8 @@ pub enum Effort {
     Thorough,
 }
 
+/// Audited texels of a tile.
+const PER_TILE: usize = 8;
 /// Rays of the bake for one of the audit.
 const SHARE: u64 = 8;
 /// Rays that every audit may cast: two seconds of work.
@@ -109,6 +112,21 @@ impl Audit {
     pub fn errors(&self) -> impl Iterator<Item = (&AuditedTexel, f64)> {
         let mean = figures::mean(&self.texels);
         self.texels.iter().map(move |t| (t, figures::certain_error(t, mean)))
+    }
+
+    /// All of `texels` in runs with about [`PER_TILE`] audited ones each, and the squared error that each run brings to the
+    /// lightmap's, as a share of the squared mean irradiance; noise may make it negative. The order of texels follows
+    /// charts and blocks, so that a run is a piece of surface.
+    pub fn tiles(&self, texels: usize) -> Vec<(Range<u32>, f64)> {
+        let scale = self.texels.iter().map(|t| t.weight).sum::<f64>() * figures::mean(&self.texels).powi(2);
+        let mut audited: Vec<&AuditedTexel> = self.texels.iter().collect();
+        audited.sort_by_key(|t| t.texel);
+        let runs: Vec<&[&AuditedTexel]> = audited.chunks(PER_TILE).collect();
+        let start = |i: usize| if i == 0 { 0 } else { runs.get(i).map_or(texels as u32, |run| run[0].texel) };
+        let square = |run: &[&AuditedTexel]| run.iter().map(|t| t.weight * figures::squared_error(t)).sum::<f64>();
+        let tile =
+            |(i, run): (usize, &&[&AuditedTexel])| (start(i)..start(i + 1), square(run) / scale.max(f64::MIN_POSITIVE));
+        runs.iter().enumerate().map(tile).collect()
     }
 
     /// Squared error that each chart brings to the lightmap's, as a share of the squared mean irradiance, and charts'

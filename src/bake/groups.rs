@@ -2,16 +2,16 @@
 
 use super::BakeError;
 use super::light::TexelPatches;
-use super::results::Results;
-use crate::atlas::{Atlas, PageImage, Texels};
-use crate::config::Settings;
+use super::results::{Subject, lit_scene_name};
+use crate::atlas::PageImage;
 use crate::gather::Lightmap;
 use crate::output::OutputSet;
+use crate::output::exr::{PageAttributes, write_page};
 use crate::output::report::{GroupFacts, PageFacts, Report};
 use crate::post;
 use crate::progress::Progress;
 use crate::relight::{GroupPage, Header, Known, PageLayout, SolutionWriter};
-use crate::scene::{LightGroups, Rgb, Scene};
+use crate::scene::{LightGroups, Rgb};
 use crate::units::Quantity;
 use crate::warning::Warning;
 use half::f16;
@@ -22,11 +22,8 @@ pub(super) const SOLUTION: &str = "solution.lk";
 
 /// What groups are made of.
 pub(super) struct GroupedLight<'a> {
-    pub(super) scene: &'a Scene,
-    pub(super) atlas: &'a Atlas,
-    pub(super) texels: &'a Texels,
+    pub(super) subject: &'a Subject<'a>,
     pub(super) groups: &'a LightGroups,
-    /// With the texels filled in that have no light of their own.
     pub(super) lightmap: &'a Lightmap,
     pub(super) patches: &'a TexelPatches,
 }
@@ -52,44 +49,43 @@ impl GroupedLight<'_> {
     /// cannot be written, for want of space, is left out with a warning: the lightmap is not lost for it.
     pub(super) fn write(
         &self,
-        results: &mut Results,
+        outputs: &mut OutputSet,
         report: &mut Report,
-        settings: &Settings,
         progress: &dyn Progress,
     ) -> Result<(), BakeError> {
+        let Subject { scene, atlas, texels, settings, hash, .. } = *self.subject;
+        let usable = &self.lightmap.usable;
         let names = self.groups.names();
-        let labels = file_labels(names);
-        let rings = settings.post.rings(self.atlas);
-        let header = self.header(report, settings);
-        let known = &header.known;
+        let header = self.header(report);
         let mut writer = SolutionWriter::new(&header, &self.patches.patches);
-        for (g, label) in labels.iter().enumerate() {
+        let mut whole = self.lightmap.combined.clone();
+        post::fill_unusable(atlas, texels, &mut whole, usable);
+        for (g, label) in file_labels(names).iter().enumerate() {
             let mut part = self.lightmap.groups.group(g);
-            post::fill_unusable(self.atlas, self.texels, &mut part, &self.lightmap.usable);
-            let whole = self.lightmap.combined.as_slice();
-            let mut part =
-                post::finish_part(self.atlas, self.texels, self.scene, (whole, &part), &settings.post, progress)?;
-            let layouts: Vec<PageLayout> =
-                (0..part.pages.len()).map(|k| self.layout(k, &part.filled[k], settings)).collect();
+            post::fill_unusable(atlas, texels, &mut part, usable);
+            let mut part = post::finish_part(atlas, texels, scene, (&whole, &part), &settings.post, progress)?;
+            let layouts: Vec<PageLayout> = (0..part.pages.len()).map(|k| self.layout(k, &part.filled[k])).collect();
             if g == 0 {
                 layouts.iter().for_each(|layout| writer.page(layout));
             }
             for (k, layout) in layouts.iter().enumerate() {
                 writer.group_page(&self.group_page(g, k, &part.pages[k], layout));
             }
-            post::fill_borders(&mut part.pages, &mut part.filled, rings, progress)?;
-            let pages = post::convert(&part.pages, self.atlas, self.texels, settings.output.quantity, &settings.post);
+            post::fill_borders(&mut part.pages, &mut part.filled, header.rings, progress)?;
+            let pages = post::convert(&part.pages, atlas, texels, header.quantity, &settings.post);
             let mut files = Vec::new();
-            for (k, page) in pages.iter().enumerate() {
-                let file = OutputSet::group_page_name(k, label);
-                results.write_page(&file, page, k, Some(&names[g]), &report.scene.hash, settings)?;
-                files.push(PageFacts::of(file, page));
+            for (page, image) in pages.iter().enumerate() {
+                let file = OutputSet::group_page_name(page, label);
+                let (quantity, group) = (header.quantity, Some(names[g].clone()));
+                let (scene_hash, state) = (hash.to_owned(), report.state);
+                let attributes = PageAttributes { quantity, uv_set: 1, page, scene_hash, state, group };
+                outputs.write(&file, |sink| write_page(sink, image, settings.output.precision, &attributes))?;
+                files.push(PageFacts::of(file, image));
             }
-            let lights = known.lights_of(g);
-            report.groups.push(GroupFacts { name: names[g].clone(), lights, pages: files });
+            report.groups.push(GroupFacts { name: names[g].clone(), lights: header.known.lights_of(g), pages: files });
         }
         let solution = writer.finish();
-        if let Err(error) = results.write_if_possible(SOLUTION, &solution) {
+        if let Err(error) = outputs.write_if_possible(SOLUTION, |sink| sink.write_all(&solution)) {
             let message = format!("{:#}; the lightmap is whole, but cannot be relit", anyhow::Error::from(error));
             let warning = Warning::new("no_solution", SOLUTION, message);
             progress.warn(&warning);
@@ -98,39 +94,43 @@ impl GroupedLight<'_> {
         Ok(())
     }
 
-    fn header(&self, report: &Report, settings: &Settings) -> Header {
+    fn header(&self, report: &Report) -> Header {
+        let Subject { scene, atlas, settings, path, .. } = *self.subject;
         Header {
             version: report.version.into(),
             scene_hash: report.scene.hash.clone(),
-            report: json!({ "scene": report.scene, "settings": report.settings, "atlas": report.atlas }),
+            report: json!({
+                "scene": report.scene, "settings": report.settings, "atlas": report.atlas, "state": report.state
+            }),
             settings: json!(settings),
-            lit_scene: Results::lit_scene_name(report.scene.file.as_ref()),
+            lit_scene: lit_scene_name(path),
             quantity: settings.output.quantity,
-            rings: settings.post.rings(self.atlas),
-            known: Known::of(self.scene, self.groups, &self.mean_reflectance(), &report.warnings),
+            rings: settings.post.rings(atlas),
+            known: Known::of(scene, self.groups, &self.mean_reflectance(), &report.warnings),
         }
     }
 
     /// Mean reflectance of every material over its texels; where it has none, its plain colour.
     fn mean_reflectance(&self) -> Vec<Rgb> {
-        let texels = self.texels;
-        let mut sums = vec![(Rgb::ZERO, 0.0); self.scene.materials.len()];
+        let Subject { scene, atlas, texels, .. } = *self.subject;
+        let mut sums = vec![(Rgb::ZERO, 0.0); scene.materials.len()];
         for t in 0..texels.len() {
-            let instance = self.atlas.charts[texels.chart[t] as usize].instance;
-            let mesh = &self.scene.meshes[self.scene.instances[instance].mesh];
+            let instance = atlas.charts[texels.chart[t] as usize].instance;
+            let mesh = &scene.meshes[scene.instances[instance].mesh];
             let sum = &mut sums[mesh.primitive_of(texels.triangles_of(t as u32)[0] as usize).material];
             sum.0 += texels.reflectance[t] * texels.area[t];
             sum.1 += texels.area[t];
         }
-        let plain = self.scene.materials.iter().map(|m| m.base_color * (1.0 - m.metallic) * (1.0 - m.transmission));
+        let plain = scene.materials.iter().map(|m| m.base_color * (1.0 - m.metallic) * (1.0 - m.transmission));
         sums.into_iter().zip(plain).map(|((sum, area), plain)| if area > 0.0 { sum / area } else { plain }).collect()
     }
 
-    fn layout(&self, page: usize, filled: &[bool], settings: &Settings) -> PageLayout {
+    fn layout(&self, page: usize, filled: &[bool]) -> PageLayout {
+        let Subject { scene, atlas, texels, settings, .. } = *self.subject;
         let patch_of = |t: u32| self.patches.of_texel[t as usize];
-        let layout = PageLayout::new(self.atlas, self.texels, page, filled, patch_of);
+        let layout = PageLayout::new(atlas, texels, page, filled, patch_of);
         match settings.output.quantity {
-            Quantity::Radiosity => layout.with_reflectance(self.scene, self.atlas, self.texels, page),
+            Quantity::Radiosity => layout.with_reflectance(scene, atlas, texels, page),
             _ => layout,
         }
     }
@@ -138,7 +138,7 @@ impl GroupedLight<'_> {
     /// What the solution holds of a group's page.
     fn group_page(&self, group: usize, page: usize, image: &PageImage, layout: &PageLayout) -> GroupPage {
         let largest = Rgb::splat(f16::MAX.to_f32());
-        let map = &self.texels.pages[page].texel;
+        let map = &self.subject.texels.pages[page].texel;
         let direct = |&place: &u32| {
             let Some(texel) = PageLayout::nearest(map, layout.width, layout.height, place) else { return [0; 3] };
             let (all, direct) =

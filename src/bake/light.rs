@@ -1,42 +1,39 @@
 //! The order of the lighting stages: resolved scene and texels → irradiance.
 
+use super::keeper::REFINE;
+use super::observer::{Counts, FoundSoFar, Observer, Refinement, Solution};
 use crate::accel::Accel;
 use crate::atlas::{Atlas, Texels};
 use crate::gather::{
-    self, CellSettings, Direct, DirectSettings, Emission, Footprint, Grouped, Lamp, Lamps, Lightmap, LitScene, Portals,
-    ProbeSettings, Source,
+    self, CellSettings, Direct, DirectSettings, Emission, Footprint, GatherStart, Gathering, Grouped, Lamp, Lamps,
+    Lightmap, LitScene, Portals, ProbeSettings, Smooth, Source,
 };
 use crate::hierarchy::{self, Hierarchy, Side, Surface, Surfels};
-use crate::output::report::{SolverFacts, StageClock};
+use crate::output::report::StageClock;
+use crate::output::{Milestone, State};
 use crate::progress::{Cancelled, Progress, Stage};
 use crate::relight::{LitElements, Patches};
 use crate::scene::{LightGroups, Rgb, Scene};
 use crate::solve::{self, Elements, SolveSettings};
 use crate::transport::Exchange;
 use glam::Vec3;
-use std::collections::BTreeMap;
 use std::f32::consts::PI;
 
+/// Texels along a side of an element.
+const ELEMENT_SIDE: u32 = 4;
 /// Rays per element that look for backs of double-sided surfaces.
 const BACK_RAYS: u32 = 16;
 /// Rays per element that count what it sees.
 const SURVEY_RAYS: u32 = 64;
 /// Shadow rays per lamp of an element that has no texels of its own.
 const ELEMENT_RAYS: u32 = 16;
+/// Rays per element of the first bounce.
+const BOUNCE_RAYS: usize = 64;
 
 /// Share of the scene's mean irradiance below which errors of a texel count as if it were that bright.
 const FLOOR: f32 = 0.25;
 /// Most rays that one probe casts for an error of 2 %.
 const MOST_RAYS: f32 = 1800.0;
-
-/// What the lighting stages did.
-#[derive(Clone, Debug, Default)]
-pub struct Counts {
-    /// Sizes of the radiosity system and of the gather.
-    pub solver: SolverFacts,
-    /// Rays by purpose.
-    pub rays: BTreeMap<String, u64>,
-}
 
 /// Patches that tell how light changes with reflectances.
 pub struct TexelPatches {
@@ -46,66 +43,69 @@ pub struct TexelPatches {
     pub of_texel: Vec<Option<u32>>,
 }
 
-/// Irradiance of every texel to within about `error` (relative RMSE), kept apart by `groups`; if there are any, with the
-/// patches that relighting needs.
+/// What the lighting stages end with.
+pub struct Lit {
+    /// The lightmap.
+    pub lightmap: Lightmap,
+    /// What it is, and the error to expect.
+    pub state: State,
+    /// What it took.
+    pub counts: Counts,
+    /// What relighting needs, if light was kept apart.
+    pub patches: Option<TexelPatches>,
+}
+
+/// Irradiance of every texel to within about `error` (relative RMSE), kept apart by `groups`. `first` is what is known of
+/// all but direct light before it is solved, for drafts.
 pub fn light(
     accel: &Accel,
     atlas: &Atlas,
     texels: &Texels,
     groups: &LightGroups,
     error: f32,
-    clock: &mut StageClock,
+    first: Option<&Smooth>,
+    observer: &mut dyn Observer,
+    clock: &StageClock,
     progress: &dyn Progress,
-) -> Result<(Lightmap, Counts, Option<TexelPatches>), Cancelled> {
+) -> Result<Lit, Cancelled> {
     let mut counts = Counts::default();
     let scene = accel.scene();
+    let before = observer.found_before();
     let footprint = clock.measure(Stage::Texels, || Footprint::new(accel, atlas, texels, progress))?;
+    let usable: Vec<bool> = (0..texels.len() as u32).map(|t| !footprint.is_hidden(t)).collect();
 
-    let (emission, mut lamps) = gather::classify(scene, groups);
-    lamps.extend(scene.lights.iter().enumerate().map(|(i, light)| Lamp::new(light, groups.of_light(i))));
+    let (emission, lamps) = lamps(scene, groups);
     let sky = groups.of_environment();
-    lamps.extend(Lamp::of_environment(&scene.environment, sky));
     let portals =
         clock.measure(Stage::Direct, || Portals::find(accel, &footprint, texels.len() as u32, sky, progress))?;
     let lamps = Lamps::new(lamps, portals, accel);
     let direct_settings = DirectSettings::for_error(error);
-    let direct = clock.measure(Stage::Direct, || {
-        gather::texel_direct(&lamps, groups.len(), atlas, texels, &footprint, &direct_settings, progress)
+    let direct = clock.measure(Stage::Direct, || match before.direct {
+        Some(direct) => Ok(direct),
+        None => gather::texel_direct(&lamps, groups.len(), atlas, texels, &footprint, &direct_settings, progress),
     })?;
     counts.rays.insert("shadow".into(), direct.rays);
+    // What is drafted: direct light as it is by now, and the rest with its squared error.
+    let draft = |reached: Milestone, rest: &[Rgb], squares: f64| {
+        let combined: Vec<Rgb> = direct.irradiance.iter().zip(rest).map(|(&d, &i)| d + i).collect();
+        let squares = squares + f64::from(direct.noise).powi(2) * texels.len() as f64;
+        let state = State { reached, predicted_error: relative(squares, &combined) };
+        let (direct, usable) = (direct.irradiance.clone(), usable.clone());
+        (Lightmap { direct, combined, usable, ..Lightmap::default() }, state)
+    };
+    let all = |change: f32| f64::from(change).powi(2) * texels.len() as f64;
+    observer.found(&FoundSoFar { direct: Some(&direct), solution: None, probes: &[] }, &counts, &mut || {
+        let rest = first?;
+        Some(draft(Milestone::Direct, &rest.irradiance, all(rest.change)).into())
+    });
 
-    let (surfels, tree, elements, direct_groups, guess) = clock.measure(Stage::Solve, || {
-        let surfels = Surfels::new(scene, atlas, texels, footprint.covered(), footprint.parted(), footprint.crossed());
-        let tree = hierarchy(accel, atlas, &surfels, progress)?;
-        let (elements, direct_groups) = elements(scene, atlas, &surfels, &tree, &emission, &lamps, &direct);
-        let sky = |position: Vec3, normal: Vec3, direction: Vec3, solid_angle: f32| {
-            lamps.screen(position, normal).sky(position, direction, solid_angle)
-        };
-        let survey = solve::survey(accel, &surfels, &tree, sky, SURVEY_RAYS, progress)?;
-        let exchange = Exchange { hierarchy: &tree, surfels: &surfels, accel };
-        let settings = SolveSettings::for_error(error);
-        let solution = solve::solve(&exchange, &elements, &survey, &settings, progress)?;
-        let by_group: Vec<Vec<Rgb>> = (0..groups.len())
-            .map(|g| {
-                let emittance = emittance(scene, atlas, &surfels, &tree, &emission, |i, p| {
-                    usize::from(groups.of_emitter(i, p)) == g
-                });
-                let (reflectance, direct) = (elements.reflectance.clone(), direct_groups.group(g));
-                let dark = vec![Rgb::ZERO; direct.len()];
-                let sky = if g == usize::from(groups.of_environment()) { &survey.sky } else { &dark };
-                let elements = Elements { reflectance, emittance, direct };
-                solution.of_other_light(&tree, &elements, sky, &settings, progress)
-            })
-            .collect::<Result<_, Cancelled>>()?;
-        counts.solver.nodes = tree.nodes.len() as u64;
-        counts.solver.elements = tree.elements.len() as u64;
-        counts.solver.links = solution.links.len() as u64;
-        counts.solver.iterations = solution.iterations;
-        counts.rays.insert("link".into(), solution.rays);
-        counts.rays.insert("survey".into(), survey.rays + (BACK_RAYS as usize * tree.elements.len()) as u64);
-        Ok((surfels, tree, elements, direct_groups, (solution.irradiance, Grouped::from_groups(&by_group))))
+    let surfels = Surfels::new(scene, atlas, texels, footprint.covered(), footprint.parted(), footprint.crossed());
+    let (tree, backs, elements, direct_groups) = clock.measure(Stage::Solve, || {
+        let known = before.solution.as_ref().map(|s| s.backs.as_slice());
+        let (tree, backs) = hierarchy(accel, atlas, &surfels, (ELEMENT_SIDE, BACK_RAYS), known, progress)?;
+        let (elements, groups) = elements(scene, atlas, &surfels, &tree, &emission, &lamps, &direct, ELEMENT_RAYS);
+        Ok((tree, backs, elements, groups))
     })?;
-
     let shut = gather::shut_texels(&surfels, &tree);
     let lit = LitScene {
         accel,
@@ -121,38 +121,122 @@ pub fn light(
         groups,
         shut: &shut,
     };
-    let bounce = clock.measure(Stage::Solve, || gather::bounce(lit, &elements.reflectance, guess, progress))?;
-    counts.rays.insert("bounce".into(), bounce.rays);
-
+    let solution = match before.solution {
+        Some(solution) => solution,
+        None => clock.measure(Stage::Solve, || solution(&lit, &elements, backs, error, progress))?,
+    };
+    counts.solver = solution.counts.solver;
+    counts.rays.extend(solution.counts.rays.clone());
+    let bounce = &solution.bounce;
     let patches = (!groups.is_empty()).then(|| {
-        let lit = LitElements {
-            scene,
-            atlas,
-            surfels: &surfels,
-            tree: &tree,
-            shut: &shut,
-            bounce: &bounce,
-            direct: &direct_groups,
-        };
+        let lit =
+            LitElements { scene, atlas, surfels: &surfels, tree: &tree, shut: &shut, bounce, direct: &direct_groups };
         let (patches, of_element) = clock.measure(Stage::Solve, || Patches::new(&lit));
         let patch = |t| tree.element_of(t, Side::Front).map(|e| of_element[e as usize]);
         TexelPatches { patches, of_texel: (0..texels.len() as u32).map(patch).collect() }
     });
+    let rest = match observer.wants_drafts() {
+        true => Some(gather::smooth(atlas, texels, &tree, &bounce.irradiance, ELEMENT_SIDE, progress)?),
+        false => None,
+    };
+    let solved = FoundSoFar { direct: Some(&direct), solution: Some(&solution), probes: &[] };
+    observer.found(&solved, &counts, &mut || {
+        let rest = rest.as_ref()?;
+        Some(draft(Milestone::Solution, &rest.irradiance, all(rest.change)).into())
+    });
 
-    let indirect = clock.measure(Stage::Gather, || {
-        let source = Source::new(lit, &bounce.irradiance, &bounce.groups, Some(&bounce.guide));
-        let floor = FLOOR * mean(texels, &direct.irradiance, &tree, &bounce.irradiance);
-        gather::indirect(&source, atlas, texels, &footprint, &cell_settings(error, floor), progress)
+    let source = Source::new(lit, &bounce.irradiance, &bounce.groups, Some(&bounce.guide));
+    let floor = FLOOR * mean(texels, &direct.irradiance, &tree, &bounce.irradiance);
+    let start = GatherStart { probes: before.probes, ..GatherStart::default() };
+    let mut indirect = clock.measure(Stage::Gather, || {
+        let mut watch = |gathering: &Gathering| {
+            let so_far = FoundSoFar { probes: gathering.probes(), ..solved };
+            observer.found(&so_far, &counts, &mut || {
+                let rest = rest.as_ref()?;
+                let (irradiance, squares) = gathering.draft(&rest.irradiance, rest.change);
+                Some(draft(Milestone::Gather, &irradiance, squares).into())
+            });
+        };
+        let settings = cell_settings(error, floor);
+        gather::indirect(&source, atlas, texels, &footprint, &settings, start, &mut watch, progress)
     })?;
-    counts.solver.probes = indirect.probes as u64;
+    counts.solver.probes = indirect.probes.len() as u64;
     counts.rays.insert("gather".into(), indirect.rays);
-    let combined = direct.irradiance.iter().zip(&indirect.irradiance).map(|(&d, &i)| d + i).collect();
-    let mut by_group = indirect.groups;
-    by_group.add_all(&direct.groups);
-    let usable = (0..texels.len() as u32).map(|t| !footprint.is_hidden(t)).collect();
-    let lightmap =
-        Lightmap { direct: direct.irradiance, combined, groups: by_group, direct_groups: direct.groups, usable };
-    Ok((lightmap, counts, patches))
+    let (mut lightmap, mut state) = draft(Milestone::Final, &indirect.irradiance, indirect.squared_error);
+    lightmap.direct_groups.clone_from(&direct.groups);
+
+    // What an audit finds wanting is gathered again, more finely.
+    let probes = std::mem::take(&mut indirect.probes);
+    while let Some(Refinement { tiles, error }) = observer.judge(&lightmap, &probes, &counts)? {
+        let mut wanted = vec![false; texels.len()];
+        tiles.into_iter().for_each(|tile| wanted[tile.start as usize..tile.end as usize].fill(true));
+        let settings = DirectSettings::for_error(error);
+        let (own, own_groups) = (&mut lightmap.direct, &mut lightmap.direct_groups);
+        let cast = clock.measure(Stage::Direct, || {
+            gather::closer_direct(&lamps, texels, &footprint, &settings, &wanted, own, own_groups, progress)
+        })?;
+        let kept = 1.0 - wanted.iter().filter(|&&w| w).count() as f64 / texels.len() as f64;
+        let squares = kept * indirect.squared_error;
+        let (irradiance, groups) = (indirect.irradiance, indirect.groups);
+        let start = GatherStart { irradiance, groups, wanted, probes: Vec::new() };
+        indirect = clock.measure(Stage::Gather, || {
+            let settings = cell_settings(error, floor);
+            gather::indirect(&source, atlas, texels, &footprint, &settings, start, &mut |_| (), progress)
+        })?;
+        indirect.squared_error += squares;
+        *counts.rays.entry(REFINE.into()).or_default() += cast + indirect.rays;
+        counts.solver.probes += indirect.probes.len() as u64;
+        state = draft(Milestone::Final, &indirect.irradiance, indirect.squared_error).1;
+        lightmap.combined = lightmap.direct.iter().zip(&indirect.irradiance).map(|(&d, &i)| d + i).collect();
+    }
+    lightmap.groups = indirect.groups;
+    lightmap.groups.add_all(&lightmap.direct_groups);
+    Ok(Lit { lightmap, state, counts, patches })
+}
+
+/// A root mean square as a share of the mean of `irradiance`, from the sum of squares of all texels.
+pub(super) fn relative(squares: f64, irradiance: &[Rgb]) -> f64 {
+    let count = irradiance.len().max(1) as f64;
+    let mean = irradiance.iter().map(|e| f64::from(e.element_sum()) / 3.0).sum::<f64>() / count;
+    if mean > 0.0 { (squares / count).sqrt() / mean } else { 0.0 }
+}
+
+/// The radiosity solution: links first, then hits of rays.
+fn solution(
+    lit: &LitScene,
+    elements: &Elements,
+    backs: Vec<bool>,
+    error: f32,
+    progress: &dyn Progress,
+) -> Result<Solution, Cancelled> {
+    let LitScene { accel, surfels, hierarchy: tree, lamps, .. } = *lit;
+    let sky = |position: Vec3, normal: Vec3, direction: Vec3, solid_angle: f32| {
+        lamps.screen(position, normal).sky(position, direction, solid_angle)
+    };
+    let survey = solve::survey(accel, surfels, tree, sky, SURVEY_RAYS, progress)?;
+    let exchange = Exchange { hierarchy: tree, surfels, accel };
+    let settings = SolveSettings::for_error(error);
+    let linked = solve::solve(&exchange, elements, &survey, &settings, progress)?;
+    let of_group = |g: usize| {
+        let is_own = |instance, primitive| usize::from(lit.groups.of_emitter(instance, primitive)) == g;
+        let emittance = emittance(accel.scene(), lit.atlas, surfels, tree, lit.emission, is_own);
+        let (reflectance, direct) = (elements.reflectance.clone(), lit.element_direct_groups.group(g));
+        let dark = vec![Rgb::ZERO; direct.len()];
+        let sky = if g == usize::from(lit.groups.of_environment()) { &survey.sky } else { &dark };
+        linked.of_other_light(tree, &Elements { reflectance, emittance, direct }, sky, &settings, progress)
+    };
+    let by_group: Vec<Vec<Rgb>> = (0..lit.groups.len()).map(of_group).collect::<Result<_, Cancelled>>()?;
+    let guess = (linked.irradiance, Grouped::from_groups(&by_group));
+    let bounce = gather::bounce(*lit, &elements.reflectance, guess, BOUNCE_RAYS, progress)?;
+    let mut counts = Counts::default();
+    counts.solver.nodes = tree.nodes.len() as u64;
+    counts.solver.elements = tree.elements.len() as u64;
+    counts.solver.links = linked.links.len() as u64;
+    counts.solver.iterations = linked.iterations;
+    counts.rays.insert("link".into(), linked.rays);
+    counts.rays.insert("survey".into(), survey.rays + (BACK_RAYS as usize * tree.elements.len()) as u64);
+    counts.rays.insert("bounce".into(), bounce.rays);
+    Ok(Solution { backs, bounce, counts })
 }
 
 /// How finely the final gather works for a relative error of the lightmap.
@@ -163,16 +247,38 @@ fn cell_settings(error: f32, floor: f32) -> CellSettings {
     CellSettings { tolerance: 0.5 * error, floor, probe }
 }
 
-/// The hierarchy over all fronts, and over those backs that something sees.
-fn hierarchy(accel: &Accel, atlas: &Atlas, surfels: &Surfels, progress: &dyn Progress) -> Result<Hierarchy, Cancelled> {
-    let surfaces: Vec<Surface> = surfels.surfaces(atlas);
-    let fronts = hierarchy::build(surfels, &surfaces, &vec![false; surfaces.len()]);
-    let backs = solve::hidden_backs(accel, atlas, surfels, &fronts, &surfaces, BACK_RAYS, progress)?;
-    Ok(if backs.contains(&true) { hierarchy::build(surfels, &surfaces, &backs) } else { fronts })
+/// Which emission rays meet, and all lamps: those of the scene, emitters that are sent like lamps, and bright parts of
+/// the sky.
+pub(super) fn lamps(scene: &Scene, groups: &LightGroups) -> (Emission, Vec<Lamp>) {
+    let (emission, mut lamps) = gather::classify(scene, groups);
+    lamps.extend(scene.lights.iter().enumerate().map(|(i, light)| Lamp::new(light, groups.of_light(i))));
+    lamps.extend(Lamp::of_environment(&scene.environment, groups.of_environment()));
+    (emission, lamps)
 }
 
-/// What every element reflects and sends before any exchange, and what lamps of every group send to it.
-fn elements(
+/// The hierarchy over all fronts, and over those backs that something sees by so many rays from every element, unless
+/// it is known which these are. With the backs.
+pub(super) fn hierarchy(
+    accel: &Accel,
+    atlas: &Atlas,
+    surfels: &Surfels,
+    (side, rays): (u32, u32),
+    known: Option<&[bool]>,
+    progress: &dyn Progress,
+) -> Result<(Hierarchy, Vec<bool>), Cancelled> {
+    let surfaces: Vec<Surface> = surfels.surfaces(atlas);
+    let build = |backs: &[bool]| hierarchy::build(surfels, &surfaces, backs, side);
+    if let Some(backs) = known {
+        return Ok((build(backs), backs.to_vec()));
+    }
+    let fronts = build(&vec![false; surfaces.len()]);
+    let backs = solve::hidden_backs(accel, atlas, surfels, &fronts, &surfaces, rays, progress)?;
+    Ok((if backs.contains(&true) { build(&backs) } else { fronts }, backs))
+}
+
+/// What every element reflects and sends before any exchange, and what lamps of every group send to it. Elements without
+/// texels cast `rays` at every lamp.
+pub(super) fn elements(
     scene: &Scene,
     atlas: &Atlas,
     surfels: &Surfels,
@@ -180,9 +286,10 @@ fn elements(
     emission: &Emission,
     lamps: &Lamps,
     direct: &Direct,
+    rays: u32,
 ) -> (Elements, Grouped) {
     let emittance = emittance(scene, atlas, surfels, tree, emission, |_, _| true);
-    let (direct, groups) = gather::element_direct(lamps, surfels, &tree.elements, direct, ELEMENT_RAYS);
+    let (direct, groups) = gather::element_direct(lamps, surfels, &tree.elements, direct, rays);
     (Elements { reflectance: means(surfels, tree, |s| surfels.reflectance(s)), emittance, direct }, groups)
 }
 

@@ -13,9 +13,9 @@ use crate::output::identity::scene_hash;
 use crate::output::report::{
     AtlasFacts, GroupFacts, PageFacts, RelightFacts, Report, SCHEMA, SceneFacts, SolverFacts, StageClock,
 };
-use crate::output::{OutputSet, open_result, process, read_result};
+use crate::output::{OutputSet, State, open_result, process, read_result};
 use crate::post;
-use crate::progress::{Progress, Stage};
+use crate::progress::{Progress, Quiet, Stage};
 use crate::relight::{Assignment, Changes, Header, PageLayout, Relit, SolutionReader, relight as recombine};
 use crate::scene::Rgb;
 use crate::units::Quantity;
@@ -51,11 +51,12 @@ impl RelightSettings {
 
 /// Recombines what a bake kept and writes the results.
 pub fn relight(settings: &RelightSettings, progress: &dyn Progress) -> Result<Report, BakeError> {
-    let mut clock = StageClock::start();
+    let clock = StageClock::start();
     let solution = clock.measure(Stage::Import, || read(settings))?;
     let header = solution.header.clone();
     let changes = Changes::resolve(&settings.changes, &header.known)?;
     let baked: Settings = parsed(settings, &header.settings)?;
+    let state: State = parsed(settings, &header.report["state"])?;
     let mut outputs = open(settings, &header)?;
 
     let names: Vec<String> = header.known.groups.iter().map(|g| g.name.clone()).collect();
@@ -70,6 +71,7 @@ pub fn relight(settings: &RelightSettings, progress: &dyn Progress) -> Result<Re
             uv_set: 1,
             page: k,
             scene_hash: header.scene_hash.clone(),
+            state,
             group: group.map(str::to_owned),
         };
         outputs.write(file, |sink| write_page(sink, page, baked.output.precision, &attributes))
@@ -111,8 +113,9 @@ pub fn relight(settings: &RelightSettings, progress: &dyn Progress) -> Result<Re
         schema: SCHEMA,
         version: env!("CARGO_PKG_VERSION"),
         scene: parsed::<SceneFacts>(settings, &header.report["scene"])?,
+        state,
         settings: parsed::<BTreeMap<String, Value>>(settings, &header.report["settings"])?,
-        stages: clock.stages().to_vec(),
+        stages: clock.stages(),
         total: clock.total(),
         rays: BTreeMap::new(),
         solver: SolverFacts::default(),
@@ -123,6 +126,7 @@ pub fn relight(settings: &RelightSettings, progress: &dyn Progress) -> Result<Re
             expected_error: relit.expected_error,
         }),
         audit: None,
+        refinements: Vec::new(),
         memory_peak_bytes: process::peak_memory(),
         warnings,
         outputs: outputs.names(),
@@ -239,6 +243,7 @@ fn refine(
     }
     baked.output.folder = settings.out().to_path_buf();
     baked.output.force = settings.force;
+    (baked.resume, baked.progressive, baked.checkpoint) = (false, false, None);
     let report = bake(&scene, &baked, progress)?;
     // What is left now is exact.
     let left = settings.changes.iter().filter(|c| !c.key.ends_with(".reflectance")).cloned().collect::<Vec<_>>();
@@ -248,15 +253,4 @@ fn refine(
     let again =
         RelightSettings { folder: baked.output.folder, changes: left, force: true, ..RelightSettings::default() };
     relight(&again, progress)
-}
-
-/// Passes on that the user wants to stop, and nothing else.
-struct Quiet<'a>(&'a dyn Progress);
-
-impl Progress for Quiet<'_> {
-    fn report(&self, _: Stage, _: f64) {}
-
-    fn is_cancelled(&self) -> bool {
-        self.0.is_cancelled()
-    }
 }

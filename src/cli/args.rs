@@ -10,6 +10,10 @@ use lightkiln::output::{OutputSettings, Precision};
 use lightkiln::relight::Assignment;
 use lightkiln::units::{LightUnits, Quantity};
 use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+/// Time between checkpoints unless it is said.
+const CHECKPOINT: Duration = Duration::from_secs(60);
 
 /// Bakes noise-free lightmaps with clustering hierarchical radiosity.
 #[derive(Debug, Parser)]
@@ -42,9 +46,22 @@ pub(crate) struct BakeArguments {
     /// Error to aim for, as 2% or 0.02.
     #[arg(long, value_name = "ERROR", default_value = "2%", value_parser = parse_error)]
     error: f32,
+    /// Bake roughly, within seconds; the error is not aimed for.
+    #[arg(long, conflicts_with_all = ["progressive", "checkpoint", "resume"])]
+    preview: bool,
+    /// Show states of the running bake in place of the results: a preview first, then better ones.
+    #[arg(long)]
+    progressive: bool,
+    /// Keep a checkpoint, at most every so many seconds.
+    #[arg(long, value_name = "SECONDS", num_args = 0..=1, require_equals = true, default_missing_value = "60", value_parser = parse_seconds)]
+    checkpoint: Option<Duration>,
+    /// Go on from the checkpoint that an interrupted bake has left, if there is one, and keep checkpoints.
+    #[arg(long)]
+    resume: bool,
     /// How much to spend on finding out whether the error was met.
-    #[arg(long, value_enum, default_value_t)]
-    audit: AuditChoice,
+    /// [default: auto; off for previews].
+    #[arg(long, value_enum)]
+    audit: Option<AuditChoice>,
     /// Lightmap density; 16 unless a resolution is given.
     #[arg(long, value_name = "X", value_parser = parse_positive)]
     texels_per_metre: Option<f32>,
@@ -61,7 +78,7 @@ pub(crate) struct BakeArguments {
     #[arg(long, value_name = "N")]
     padding: Option<u32>,
     /// Keep light groups apart: pages of each beside the whole, and what relighting needs.
-    #[arg(long)]
+    #[arg(long, conflicts_with = "preview")]
     groups: bool,
     /// What a texel means.
     #[arg(long, value_enum, default_value_t)]
@@ -145,10 +162,9 @@ pub(crate) struct SpeechArguments {
     pub(crate) verbose: bool,
 }
 
-#[derive(Clone, Copy, Debug, Default, ValueEnum)]
+#[derive(Clone, Copy, Debug, ValueEnum)]
 enum AuditChoice {
     /// About a tenth of the bake's time.
-    #[default]
     Auto,
     /// About as long as the bake.
     Thorough,
@@ -248,10 +264,15 @@ impl BakeArguments {
                 precision: if self.float { Precision::Float } else { Precision::Half },
             },
             error: self.error,
+            preview: self.preview,
+            progressive: self.progressive,
+            checkpoint: self.checkpoint.or(self.resume.then_some(CHECKPOINT)),
+            resume: self.resume,
             audit: match self.audit {
-                AuditChoice::Auto => Effort::Auto,
-                AuditChoice::Thorough => Effort::Thorough,
-                AuditChoice::Off => Effort::Off,
+                None if self.preview => Effort::Off,
+                None | Some(AuditChoice::Auto) => Effort::Auto,
+                Some(AuditChoice::Thorough) => Effort::Thorough,
+                Some(AuditChoice::Off) => Effort::Off,
             },
             ..defaults
         }
@@ -299,10 +320,20 @@ fn parse_error(text: &str) -> Result<f32, String> {
     };
     // Half a unit of the last digit of 0.1 % must not decide.
     let tolerance = 1e-6;
+    if error < ERROR_RANGE.start() - tolerance {
+        let least = ERROR_RANGE.start() * 100.0;
+        return Err(format!("no lightmap is that exact: half floats alone are 0.03% off; ask for {least}% or more"));
+    }
     if !(error >= ERROR_RANGE.start() - tolerance && error <= ERROR_RANGE.end() + tolerance) {
         return Err(format!("must lie between {}% and {}%", ERROR_RANGE.start() * 100.0, ERROR_RANGE.end() * 100.0));
     }
     Ok(error.clamp(*ERROR_RANGE.start(), *ERROR_RANGE.end()))
+}
+
+/// Seconds, or fractions of one.
+fn parse_seconds(text: &str) -> Result<Duration, String> {
+    let seconds = text.parse::<f64>().ok().and_then(|s| Duration::try_from_secs_f64(s).ok());
+    seconds.ok_or_else(|| "must be a number of seconds".into())
 }
 
 fn parse_positive(text: &str) -> Result<f32, String> {

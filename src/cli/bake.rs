@@ -27,6 +27,10 @@ pub(crate) fn run(options: &BakeArguments, console: Console, cancelled: &'static
         // What was not reached is said even where nobody watches.
         if audit.verdict == Verdict::Missed || console.is_watched() {
             console.say(&verdict(audit));
+            let again: f64 = report.refinements.iter().map(|r| 100.0 * r.texels).sum();
+            if again > 0.0 {
+                console.say(&format!("{again:.0} % of the texels were gathered again to get there"));
+            }
         }
     }
     let folder = settings.output.folder;

@@ -3,8 +3,10 @@
 use super::console::Console;
 use super::failure::INTERRUPTED;
 use lightkiln::output::files;
+use std::path::Path;
 use std::process::exit;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::thread;
 use std::time::Duration;
 
@@ -18,10 +20,38 @@ const GRACE: Duration = Duration::from_millis(800);
 /// True once the user was told.
 static ANNOUNCED: AtomicBool = AtomicBool::new(false);
 
+/// What an interrupted bake leaves behind.
+#[derive(Default)]
+struct Left {
+    state: Option<String>,
+    checkpoint: Option<String>,
+}
+
+static LEFT: Mutex<Left> = Mutex::new(Left { state: None, checkpoint: None });
+
+fn left() -> MutexGuard<'static, Left> {
+    // Both fields are meaningful on their own, whatever happened in between.
+    LEFT.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// The results show what the bake has `reached`.
+pub(crate) fn remember_state(reached: &str, predicted_error: f64) {
+    let percent = 100.0 * predicted_error;
+    left().state = Some(format!("the results are those of the state `{reached}`, about {percent:.1} % off"));
+}
+
+/// The bake can go on from a checkpoint.
+pub(crate) fn remember_checkpoint(checkpoint: &Path) {
+    left().checkpoint = Some(format!("--resume goes on from `{}`", checkpoint.display()));
+}
+
 /// Tells the user, once, whether the stages ended by themselves or were left.
 pub(crate) fn announce(console: &Console) {
     if !ANNOUNCED.swap(true, Ordering::SeqCst) {
-        console.error("interrupted", "interrupted; nothing was written");
+        let left = std::mem::take(&mut *left());
+        let state = left.state.unwrap_or_else(|| "no results were written".into());
+        let parts = ["interrupted".to_owned(), state].into_iter().chain(left.checkpoint);
+        console.error("interrupted", &parts.collect::<Vec<_>>().join("; "));
     }
 }
 

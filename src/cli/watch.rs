@@ -1,24 +1,27 @@
 //! Shows how far a bake is: a bar on a terminal, JSON lines for programs, nothing in a pipe.
 
 use super::console::Console;
+use super::interrupt;
 use indicatif::{ProgressBar, ProgressStyle};
 use lightkiln::progress::{Progress, Stage};
 use lightkiln::warning::Warning;
 use serde_json::json;
+use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 /// The stages in order, and the share of a bake's time that each usually takes. Only the estimate of the time left
 /// depends on it, and less the longer the bake runs.
-const SHARES: [(Stage, f64); 10] = [
+const SHARES: [(Stage, f64); 11] = [
     (Stage::Import, 0.01),
     (Stage::Atlas, 0.05),
     (Stage::Texels, 0.06),
     (Stage::Accel, 0.01),
+    (Stage::Preview, 0.02),
     (Stage::Direct, 0.15),
     (Stage::Solve, 0.22),
-    (Stage::Gather, 0.38),
+    (Stage::Gather, 0.36),
     (Stage::Post, 0.02),
     (Stage::Audit, 0.08),
     (Stage::Output, 0.02),
@@ -130,6 +133,21 @@ impl Progress for Watch {
             Some(bar) => bar.suspend(|| self.console.warn(warning)),
             None => self.console.warn(warning),
         }
+    }
+
+    fn improved(&self, reached: &str, predicted_error: f64, files: &[PathBuf]) {
+        self.console.event(&json!({
+            "event": "state",
+            "reached": reached,
+            "predicted_error": predicted_error,
+            "outputs": files.iter().map(|file| file.display().to_string()).collect::<Vec<_>>(),
+        }));
+        interrupt::remember_state(reached, predicted_error);
+    }
+
+    fn kept(&self, checkpoint: &Path) {
+        self.console.event(&json!({ "event": "checkpoint", "file": checkpoint.display().to_string() }));
+        interrupt::remember_checkpoint(checkpoint);
     }
 
     fn is_cancelled(&self) -> bool {

@@ -12,17 +12,17 @@ use crate::math::{Sequence, cosine_hemisphere, hash2};
 use crate::progress::{Cancelled, Progress};
 use crate::scene::Rgb;
 use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
 use std::f32::consts::PI;
 use std::ops::Range;
 
-/// Rays per receiver.
-pub const RAYS: u32 = 64;
 /// Iterations. What leaked into a closed dark room fades as its reflectance to this power.
 const ITERATIONS: usize = 32;
 /// Marks a ray that met nothing which reflects.
 pub const NOTHING: u32 = u32::MAX;
 
 /// What the rays of the first bounce tell.
+#[derive(Serialize, Deserialize)]
 pub struct Bounce {
     /// Irradiance of every receiver (elements, then shut texels) from everything but lamps, W/m².
     pub irradiance: Vec<Rgb>,
@@ -30,7 +30,8 @@ pub struct Bounce {
     pub groups: Grouped,
     /// What of it comes straight from sky and emissive surfaces, by light group.
     pub own: Grouped,
-    /// Receivers that the rays of every receiver met, [`RAYS`] each; [`NOTHING`] where none reflects.
+    /// Receivers that the rays of every receiver met, as many for each; [`NOTHING`] where none reflects. Empty if light is
+    /// not kept apart.
     pub hits: Vec<u32>,
     /// Where bright things are.
     pub guide: Guide,
@@ -38,12 +39,13 @@ pub struct Bounce {
     pub rays: u64,
 }
 
-/// Irradiance of every receiver from everything but lamps. `reflectance` and `guess` (W/m², whole and by light group)
-/// belong to the elements; the result is close to the fixed point whatever the guess.
+/// Irradiance of every receiver from everything but lamps, by `rays` rays each. `reflectance` and `guess`
+/// (W/m², whole and by light group) belong to the elements; the result is close to the fixed point whatever the guess.
 pub fn bounce(
     lit: LitScene,
     reflectance: &[Rgb],
     guess: (Vec<Rgb>, Grouped),
+    rays: usize,
     progress: &dyn Progress,
 ) -> Result<Bounce, Cancelled> {
     let LitScene { surfels, hierarchy: tree, shut, .. } = lit;
@@ -60,15 +62,15 @@ pub fn bounce(
         .map(|(own, reflected)| Origins { own: Sums(own), reflected: Sums(reflected) })
         .collect();
     let (origins_elements, origins_shut) = origins.split_at_mut(elements);
-    let mut hits = vec![NOTHING; count * RAYS as usize];
+    let mut hits = vec![NOTHING; count * rays];
     let groups = Guide::groups(tree);
     let (fixed_elements, fixed_shut) = fixed.split_at_mut(elements);
-    let (hits_elements, hits_shut) = hits.split_at_mut(elements * RAYS as usize);
-    let hot = tasks(&groups, fixed_elements, hits_elements, origins_elements)
+    let (hits_elements, hits_shut) = hits.split_at_mut(elements * rays);
+    let hot = tasks(&groups, fixed_elements, hits_elements, origins_elements, rays)
         .into_par_iter()
         .map(|Task { elements, fixed, hits, origins }| {
             let mut glances = Vec::with_capacity(hits.len());
-            for (((e, fixed), hits), origins) in elements.zip(fixed).zip(hits.chunks_mut(RAYS as usize)).zip(origins) {
+            for (((e, fixed), hits), origins) in elements.zip(fixed).zip(hits.chunks_mut(rays)).zip(origins) {
                 let node = tree.elements[e as usize].node;
                 let from = |u| tree.sample(surfels, node, u);
                 *fixed = cast(&direct_only, hash2(e, 0xe1e3), from, hits, origins, |glance| glances.push(glance));
@@ -76,7 +78,7 @@ pub fn bounce(
             if progress.is_cancelled() { Err(Cancelled) } else { Ok(Guide::bright(&glances)) }
         })
         .collect::<Result<_, Cancelled>>()?;
-    let shut_rows = fixed_shut.par_iter_mut().zip(hits_shut.par_chunks_mut(RAYS as usize)).zip(origins_shut);
+    let shut_rows = fixed_shut.par_iter_mut().zip(hits_shut.par_chunks_mut(rays)).zip(origins_shut);
     shut_rows.zip(shut).try_for_each(|(((fixed, hits), origins), &texel)| {
         let from = |_| (texel, Side::Front);
         *fixed = cast(&direct_only, hash2(texel, 0x5407), from, hits, origins, |_| ());
@@ -89,17 +91,18 @@ pub fn bounce(
     irradiance.resize(count, Rgb::ZERO);
     for _ in 0..ITERATIONS {
         let sent: Vec<Rgb> = irradiance.iter().zip(&reflectance).map(|(&e, &r)| e * r).collect();
-        irradiance.par_iter_mut().zip(&fixed).zip(hits.par_chunks(RAYS as usize)).for_each(|((e, &fixed), hits)| {
+        irradiance.par_iter_mut().zip(&fixed).zip(hits.par_chunks(rays)).for_each(|((e, &fixed), hits)| {
             let met = hits.iter().filter(|&&h| h != NOTHING);
-            *e = fixed + met.map(|&h| sent[h as usize]).sum::<Rgb>() / RAYS as f32;
+            *e = fixed + met.map(|&h| sent[h as usize]).sum::<Rgb>() / rays as f32;
         });
         if progress.is_cancelled() {
             return Err(Cancelled);
         }
     }
-    let by_group = iterate_groups(&fixed_groups, guess_groups, &reflectance, &hits, progress)?;
-    let rays = hits.len() as u64;
-    Ok(Bounce { irradiance, groups: by_group, own, hits, guide: Guide::new(&groups, hot), rays })
+    let by_group = iterate_groups(&fixed_groups, guess_groups, &reflectance, &hits, rays, progress)?;
+    let cast = hits.len() as u64;
+    let hits = if lit.groups.is_empty() { Vec::new() } else { hits };
+    Ok(Bounce { irradiance, groups: by_group, own, hits, guide: Guide::new(&groups, hot), rays: cast })
 }
 
 /// The iteration of [`bounce`] for every light group, over the same hits.
@@ -108,6 +111,7 @@ fn iterate_groups(
     guess: Grouped,
     reflectance: &[Rgb],
     hits: &[u32],
+    rays: usize,
     progress: &dyn Progress,
 ) -> Result<Grouped, Cancelled> {
     let (count, groups) = (reflectance.len(), fixed.groups());
@@ -117,15 +121,16 @@ fn iterate_groups(
     }
     for _ in 0..ITERATIONS {
         let before = irradiance.clone();
-        let rows = irradiance.rows_mut(count);
-        rows.into_par_iter().zip(hits.par_chunks(RAYS as usize)).enumerate().for_each(|(i, (row, hits))| {
-            row.fill(Rgb::ZERO);
-            for &h in hits.iter().filter(|&&h| h != NOTHING) {
-                let share = reflectance[h as usize] / RAYS as f32;
-                row.iter_mut().zip(before.of(h as usize)).for_each(|(sum, &e)| *sum += e * share);
-            }
-            row.iter_mut().zip(fixed.of(i)).for_each(|(sum, &fixed)| *sum += fixed);
-        });
+        irradiance.rows_mut(count).into_par_iter().zip(hits.par_chunks(rays)).enumerate().for_each(
+            |(i, (row, hits))| {
+                row.fill(Rgb::ZERO);
+                for &h in hits.iter().filter(|&&h| h != NOTHING) {
+                    let share = reflectance[h as usize] / rays as f32;
+                    row.iter_mut().zip(before.of(h as usize)).for_each(|(sum, &e)| *sum += e * share);
+                }
+                row.iter_mut().zip(fixed.of(i)).for_each(|(sum, &fixed)| *sum += fixed);
+            },
+        );
         if progress.is_cancelled() {
             return Err(Cancelled);
         }
@@ -147,11 +152,12 @@ fn tasks<'a, 'b>(
     mut fixed: &'a mut [Rgb],
     mut hits: &'a mut [u32],
     mut origins: &'a mut [Origins<'b>],
+    rays: usize,
 ) -> Vec<Task<'a, 'b>> {
     let mut tasks = Vec::with_capacity(groups.len());
     for elements in groups.iter().cloned() {
         let (of_group, rest) = fixed.split_at_mut(elements.len());
-        let (hits_of_group, more_hits) = hits.split_at_mut(elements.len() * RAYS as usize);
+        let (hits_of_group, more_hits) = hits.split_at_mut(elements.len() * rays);
         let (origins_of_group, more_origins) = origins.split_at_mut(elements.len());
         tasks.push(Task { elements, fixed: of_group, hits: hits_of_group, origins: origins_of_group });
         (fixed, hits, origins) = (rest, more_hits, more_origins);
@@ -170,12 +176,13 @@ fn cast(
     mut glance: impl FnMut(Glance),
 ) -> Rgb {
     let sequence = Sequence::new(seed);
+    let rays = hits.len() as f32;
     let mut sum = Rgb::ZERO;
     for (i, hit) in hits.iter_mut().enumerate() {
         let (surfel, side) = from(sequence.second(i as u32).x);
         let Start { origin, normal, screen } = source.start(surfel, side);
         let direction = cosine_hemisphere(normal, sequence.first(i as u32));
-        let solid_angle = PI / (RAYS as f32 * direction.dot(normal).max(0.05));
+        let solid_angle = PI / (rays * direction.dot(normal).max(0.05));
         let seen = match source.groups() {
             0 => source.look(origin, direction, solid_angle, screen, &mut ()),
             _ => source.look(origin, direction, solid_angle, screen, origins),
@@ -184,6 +191,6 @@ fn cast(
         glance((direction, seen.radiance.element_sum() / 3.0));
         *hit = seen.receiver.unwrap_or(NOTHING);
     }
-    origins.scale(PI / RAYS as f32);
-    sum * (PI / RAYS as f32)
+    origins.scale(PI / rays);
+    sum * (PI / rays)
 }

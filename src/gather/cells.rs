@@ -6,6 +6,11 @@
 //! Based on: Ward, Rubinstein, Clear, "A Ray Tracing Solution for Diffuse Interreflection", 1988 (how far irradiance
 //! reaches follows from the harmonic mean distance to what is seen).
 
+mod blend;
+mod draft;
+
+pub use draft::Gathering;
+
 use super::footprint::Footprint;
 use super::probe::{Probe, ProbeSettings};
 use super::source::Source;
@@ -13,8 +18,10 @@ use super::tally::{Grouped, share_out};
 use crate::atlas::{Atlas, NO_TEXEL, Texels};
 use crate::progress::{Cancelled, Counter, Progress, Stage};
 use crate::scene::Rgb;
-use glam::{Vec2, Vec3};
+use blend::Blend;
+use glam::Vec2;
 use rayon::prelude::*;
+use std::collections::HashMap;
 
 /// Texels along a side of the largest cells.
 const SPACING: u32 = 16;
@@ -26,6 +33,12 @@ const BEND: f32 = 0.08;
 const TRUST: f32 = 0.3;
 /// Texels along a side from which on a cell is also looked at in its middle.
 const CHECKED: u32 = 4;
+/// Mean over a cell of the square of an error that is one in its middle and falls to none at its corners.
+const SAG: f32 = 0.28;
+/// Share of the irradiance that interpolation misses at most, as far as is foretold.
+const MOST_OFF: f32 = 0.5;
+/// Probes between two looks at the gather.
+const BATCH: usize = 4096;
 /// Cosine of the largest angle between a texel's normal and the one interpolated for it.
 const COS_NORMAL: f32 = 0.99;
 
@@ -52,6 +65,13 @@ struct Cell {
     parent: Option<Rect>,
 }
 
+impl Cell {
+    /// Texels from the first to the last along its longer side.
+    fn size(&self) -> u32 {
+        (self.x[1] - self.x[0]).max(self.y[1] - self.y[0])
+    }
+}
+
 /// Corner texels and the rectangle they span.
 #[derive(Clone)]
 struct Rect {
@@ -69,9 +89,10 @@ struct State<'a> {
     settings: &'a CellSettings,
     /// Probe of each texel, `NO_PROBE` if it has none.
     probe_of: Vec<u32>,
-    probes: Vec<Probe>,
-    /// Irradiance of every probe by light group, W/m², groups side by side.
-    probe_groups: Vec<Rgb>,
+    /// Texels and their probes, in the order in which they were wanted.
+    probes: Vec<(u32, Probe)>,
+    /// Probes that were gathered before, by texel. They count once they are wanted.
+    kept: HashMap<u32, Probe>,
 }
 
 /// What the corners of a cell say of it.
@@ -93,41 +114,67 @@ pub struct Indirect {
     pub irradiance: Vec<Rgb>,
     /// The same by light group.
     pub groups: Grouped,
-    /// Probes gathered.
-    pub probes: usize,
+    /// Sum of the squared errors to be expected over all texels of the cells, mean of channels, (W/m²)².
+    pub squared_error: f64,
+    /// Texels with their probes.
+    pub probes: Vec<(u32, Probe)>,
     /// Rays cast.
     pub rays: u64,
 }
 
-/// Gathers at the corners of adaptive cells and interpolates between them.
+/// What a gather starts from.
+#[derive(Default)]
+pub struct Start {
+    /// Irradiance of the texels that are left as they are, W/m².
+    pub irradiance: Vec<Rgb>,
+    /// The same by light group.
+    pub groups: Grouped,
+    /// Per texel: whether its cell is to be gathered; all are where it is empty.
+    pub wanted: Vec<bool>,
+    /// Probes of an earlier gather that came to no end.
+    pub probes: Vec<(u32, Probe)>,
+}
+
+/// Gathers at the corners of adaptive cells and interpolates between them. `watch` is called now and then.
 pub fn indirect(
     source: &Source,
     atlas: &Atlas,
     texels: &Texels,
     footprint: &Footprint,
     settings: &CellSettings,
+    start: Start,
+    watch: &mut dyn FnMut(&Gathering),
     progress: &dyn Progress,
 ) -> Result<Indirect, Cancelled> {
     let (probe_of, probes) = (vec![NO_PROBE; texels.len()], Vec::new());
-    let mut state = State { source, atlas, texels, footprint, settings, probe_of, probes, probe_groups: Vec::new() };
-    let mut groups = Grouped::new(source.groups(), texels.len());
-    let mut irradiance = vec![Rgb::ZERO; texels.len()];
-    let counter = Counter::new(progress, Stage::Gather, texels.len());
+    let Start { mut irradiance, groups, wanted, probes: kept } = start;
+    // A gather that starts from nothing starts with no groups either.
+    let mut groups = if irradiance.is_empty() { Grouped::new(source.groups(), texels.len()) } else { groups };
+    irradiance.resize(texels.len(), Rgb::ZERO);
+    let kept = kept.into_iter().collect();
+    let mut state = State { source, atlas, texels, footprint, settings, probe_of, probes, kept };
     let mut cells: Vec<Cell> = (0..atlas.charts.len()).flat_map(|c| state.lattice(c)).collect();
+    if !wanted.is_empty() {
+        cells.retain(|cell| state.owned(cell).iter().any(|&(t, _)| wanted[t as usize]));
+    }
+    let counter = Counter::new(progress, Stage::Gather, cells.par_iter().map(|cell| state.owned(cell).len()).sum());
+    let mut squared_error = 0.0;
     while !cells.is_empty() {
         let corners: Vec<[u32; 4]> = cells.par_iter().map(|c| state.corners(c)).collect();
-        state.gather(corners.iter().flatten().copied(), progress)?;
+        let mut look =
+            |state: &State| watch(&Gathering { state, cells: &cells, irradiance: &irradiance, squared_error });
+        state.gather(corners.iter().flatten().copied(), &mut look, progress)?;
         let verdicts: Vec<Verdict> =
             cells.par_iter().zip(&corners).map(|(c, &corners)| state.judge(c, corners)).collect();
         let middles = verdicts.iter().filter_map(|verdict| if let Verdict::Ask(t) = verdict { Some(*t) } else { None });
-        state.gather(middles, progress)?;
+        state.gather(middles, &mut look, progress)?;
         let outcomes: Vec<Outcome> = cells
             .par_iter()
             .zip(&corners)
             .zip(&verdicts)
             .map(|((cell, &corners), &verdict)| {
                 let outcome = state.settle(cell, corners, verdict);
-                if let Outcome::Done(values, _) = &outcome {
+                if let Outcome::Done { values, .. } = &outcome {
                     counter.advance(values.len())?;
                 }
                 Ok(outcome)
@@ -137,7 +184,8 @@ pub fn indirect(
         for outcome in outcomes {
             match outcome {
                 Outcome::Split(children) => cells.extend(children),
-                Outcome::Done(values, parts) => {
+                Outcome::Done { values, groups: parts, squared_error: square } => {
+                    squared_error += square;
                     for (i, (texel, value)) in values.into_iter().enumerate() {
                         irradiance[texel as usize] = value;
                         groups.of_mut(texel as usize).copy_from_slice(parts.of(i));
@@ -146,14 +194,18 @@ pub fn indirect(
             }
         }
     }
-    let rays = state.probes.iter().map(|p| p.rays as u64).sum();
-    Ok(Indirect { irradiance, groups, probes: state.probes.len(), rays })
+    let rays = state.probes.iter().map(|(_, p)| p.rays as u64).sum();
+    Ok(Indirect { irradiance, groups, squared_error, probes: state.probes, rays })
 }
 
 enum Outcome {
     Split(Vec<Cell>),
-    /// Texels with their irradiance, whole and by light group.
-    Done(Vec<(u32, Rgb)>, Grouped),
+    /// Texels with their irradiance, whole and by light group, and the sum of their squared errors as far as these are known.
+    Done {
+        values: Vec<(u32, Rgb)>,
+        groups: Grouped,
+        squared_error: f64,
+    },
 }
 
 impl State<'_> {
@@ -214,35 +266,44 @@ impl State<'_> {
         })
     }
 
-    /// Gathers those of the probes `wanted` that are still lacking.
-    fn gather(&mut self, wanted: impl Iterator<Item = u32>, progress: &dyn Progress) -> Result<(), Cancelled> {
+    /// Gathers those of the probes `wanted` that are still lacking. `look` is called after every [`BATCH`].
+    fn gather(
+        &mut self,
+        wanted: impl Iterator<Item = u32>,
+        look: &mut dyn FnMut(&State),
+        progress: &dyn Progress,
+    ) -> Result<(), Cancelled> {
         let mut wanted: Vec<u32> = wanted.filter(|&t| t != NO_TEXEL && self.probe_of[t as usize] == NO_PROBE).collect();
         wanted.sort_unstable();
         wanted.dedup();
         let Self { source, footprint, settings, .. } = *self;
-        let new: Vec<(Probe, Vec<Rgb>)> = wanted
-            .par_iter()
-            .map(|&t| {
-                let probe = Probe::gather(source, footprint, t, &settings.probe);
-                if progress.is_cancelled() { Err(Cancelled) } else { Ok(probe) }
-            })
-            .collect::<Result<_, Cancelled>>()?;
-        for (&t, (probe, groups)) in wanted.iter().zip(new) {
-            self.probe_of[t as usize] = self.probes.len() as u32;
-            self.probes.push(probe);
-            self.probe_groups.extend(groups);
+        for wanted in wanted.chunks(BATCH) {
+            let kept = &self.kept;
+            let new: Vec<Probe> = wanted
+                .par_iter()
+                .map(|&t| {
+                    let gathered = || Probe::gather(source, footprint, t, &settings.probe);
+                    let probe = kept.get(&t).cloned().unwrap_or_else(gathered);
+                    if progress.is_cancelled() { Err(Cancelled) } else { Ok(probe) }
+                })
+                .collect::<Result<_, Cancelled>>()?;
+            for (&t, probe) in wanted.iter().zip(new) {
+                self.probe_of[t as usize] = self.probes.len() as u32;
+                self.probes.push((t, probe));
+            }
+            look(self);
         }
         Ok(())
     }
 
     fn probe(&self, texel: u32) -> &Probe {
-        &self.probes[self.probe_of[texel as usize] as usize]
+        &self.probes[self.probe_of[texel as usize] as usize].1
     }
 
     /// What the corners say of a cell whose corners have probes. A large cell that is fine by them is also asked in its
     /// middle, for what is narrow may pass between corners unseen.
     fn judge(&self, cell: &Cell, corners: [u32; 4]) -> Verdict {
-        let size = (cell.x[1] - cell.x[0]).max(cell.y[1] - cell.y[0]);
+        let size = cell.size();
         if size <= 1 || corners[0] == NO_TEXEL {
             return Verdict::Fine;
         }
@@ -261,9 +322,9 @@ impl State<'_> {
     fn settle(&self, cell: &Cell, corners: [u32; 4], verdict: Verdict) -> Outcome {
         if corners[0] == NO_TEXEL {
             // Nothing in reach can be lit.
-            let dark: Vec<(u32, Rgb)> = self.owned(cell).into_iter().map(|(t, _)| (t, Rgb::ZERO)).collect();
-            let groups = Grouped::new(self.source.groups(), dark.len());
-            return Outcome::Done(dark, groups);
+            let values: Vec<_> = self.owned(cell).into_iter().map(|(t, _)| (t, Rgb::ZERO)).collect();
+            let groups = Grouped::new(self.source.groups(), values.len());
+            return Outcome::Done { values, groups, squared_error: 0.0 };
         }
         let blend = Blend::new(self, &Rect { x: cell.x, y: cell.y, corners });
         let asked = match verdict {
@@ -278,37 +339,37 @@ impl State<'_> {
             // One probe more in the middle of a smooth cell would show as a dot.
             let e = match self.probe_of[t as usize] {
                 own if own == NO_PROBE || asked == Some(t) => self.told(corners, &blend, p).max(Rgb::ZERO),
-                own => self.probes[own as usize].irradiance,
+                own => self.probes[own as usize].1.irradiance,
             };
             (t, e)
         };
         let owned = self.owned(cell);
-        let values: Vec<(u32, Rgb)> = owned.iter().copied().map(value).collect();
+        let values: Vec<_> = owned.iter().copied().map(value).collect();
         let mut groups = Grouped::new(self.source.groups(), owned.len());
         if groups.groups() > 0 {
             for (i, (&(t, p), &(_, whole))) in owned.iter().zip(&values).enumerate() {
                 let row = groups.of_mut(i);
                 match self.probe_of[t as usize] {
                     own if own == NO_PROBE || asked == Some(t) => self.told_groups(corners, &blend, p, row),
-                    own => row.copy_from_slice(self.groups_of(own)),
+                    own => row.copy_from_slice(&self.probes[own as usize].1.groups),
                 }
                 share_out(whole, row);
             }
         }
-        Outcome::Done(values, groups)
-    }
-
-    /// Irradiance of a probe by light group, W/m².
-    fn groups_of(&self, probe: u32) -> &[Rgb] {
-        let count = self.source.groups();
-        &self.probe_groups[probe as usize * count..(probe as usize + 1) * count]
+        let noise = corners.iter().map(|&c| self.probe(c).error.powi(2)).sum::<f32>() / 4.0;
+        let bend = match asked {
+            Some(middle) => SAG * self.miss(corners, &blend, middle).powi(2),
+            None if cell.size() > 1 => self.likely_error(cell.parent.as_ref(), corners).powi(2),
+            None => 0.0,
+        };
+        let squared_error = f64::from(noise + bend) * values.len() as f64;
+        Outcome::Done { values, groups, squared_error }
     }
 
     /// What [`State::told`] says, by light group.
     fn told_groups(&self, corners: [u32; 4], blend: &Blend, p: Vec2, row: &mut [Rgb]) {
         for (corner, weight) in corners.into_iter().zip(blend.weights(p)) {
-            let groups = self.groups_of(self.probe_of[corner as usize]);
-            row.iter_mut().zip(groups).for_each(|(sum, &e)| *sum += e * weight);
+            row.iter_mut().zip(&self.probe(corner).groups).for_each(|(sum, &e)| *sum += e * weight);
         }
     }
 
@@ -344,32 +405,50 @@ impl State<'_> {
         out
     }
 
-    /// True if interpolation between the corners is expected to stay within the tolerance.
-    fn is_fine(&self, cell: &Cell, corners: [u32; 4], owned: &[(u32, Vec2)]) -> bool {
-        let (source, settings) = (self.source, self.settings);
-        let t = self.texels;
+    /// Largest distance between corners on a diagonal, shortened to how far the middle is, and harmonic mean distance to
+    /// what they see, metres.
+    fn size_and_reach(&self, corners: [u32; 4]) -> (f32, f32) {
+        let position = |k: usize| self.texels.position[corners[k] as usize];
+        let size = position(0).distance(position(3)).max(position(1).distance(position(2))) * 0.7;
+        (size, corners.map(|c| self.probe(c).distance).into_iter().fold(f32::INFINITY, f32::min))
+    }
+
+    /// By how much interpolation between the corners is expected to miss, W/m², mean of channels.
+    fn expected_error(&self, parent: Option<&Rect>, corners: [u32; 4]) -> f32 {
         let probes = corners.map(|c| self.probe(c));
         let values = probes.map(|p| p.irradiance.element_sum() / 3.0);
         let mean = values.iter().sum::<f32>() / 4.0;
-        let direct = corners.map(|c| source.direct(c)).into_iter().fold(f32::INFINITY, f32::min);
-        let tolerance = settings.tolerance * (mean + direct + settings.floor);
         let noise = probes.iter().map(|p| p.error).fold(0.0, f32::max);
         let low = values.iter().copied().fold(f32::INFINITY, f32::min);
         let high = values.iter().copied().fold(0.0, f32::max);
-        let position = |k: usize| t.position[corners[k] as usize];
-        let size = position(0).distance(position(3)).max(position(1).distance(position(2))) * 0.7;
-        let reach = probes.iter().map(|p| p.distance).fold(f32::INFINITY, f32::min);
+        let (size, reach) = self.size_and_reach(corners);
         let ratio = size / reach.max(1e-12);
         let mut expected = CURVATURE * ratio * ratio * mean + BEND * (high - low - 2.0 * noise).max(0.0);
-        if let Some(parent) = &cell.parent {
+        if let Some(parent) = parent {
             let blend = Blend::new(self, parent);
             let miss = corners.map(|c| self.miss(parent.corners, &blend, c)).into_iter().fold(0.0, f32::max);
             // Halving a cell quarters its curvature; what was foretold well needs no further cut.
             expected = expected.min((0.5 * miss).max(TRUST * expected));
         }
-        if expected > tolerance {
+        expected
+    }
+
+    /// The same without the caution that makes cells fine in time.
+    fn likely_error(&self, parent: Option<&Rect>, corners: [u32; 4]) -> f32 {
+        let mean = corners.iter().map(|&c| self.probe(c).irradiance.element_sum() / 3.0).sum::<f32>() / 4.0;
+        self.expected_error(parent, corners).min(MOST_OFF * mean)
+    }
+
+    /// True if interpolation between the corners is expected to stay within the tolerance.
+    fn is_fine(&self, cell: &Cell, corners: [u32; 4], owned: &[(u32, Vec2)]) -> bool {
+        let (source, settings) = (self.source, self.settings);
+        let t = self.texels;
+        let mean = corners.iter().map(|&c| self.probe(c).irradiance.element_sum() / 3.0).sum::<f32>() / 4.0;
+        let direct = corners.map(|c| source.direct(c)).into_iter().fold(f32::INFINITY, f32::min);
+        if self.expected_error(cell.parent.as_ref(), corners) > settings.tolerance * (mean + direct + settings.floor) {
             return false;
         }
+        let (size, reach) = self.size_and_reach(corners);
         // What something stands on shares no light with what lies around.
         let covered = self.footprint.covered();
         let first = covered[corners[0] as usize];
@@ -407,79 +486,4 @@ fn split(cell: &Cell, corners: [u32; 4]) -> Vec<Cell> {
         }
     }
     children
-}
-
-/// Interpolation from four corners that reproduces linear functions of the page position.
-enum Blend {
-    /// Probes sit at the corners of the rectangle.
-    Bilinear { origin: Vec2, scale: Vec2 },
-    /// Probes were moved: the plane that fits them best. Rows give value, slope in x and slope in y from the corners.
-    Plane { centre: Vec2, rows: [[f32; 4]; 3] },
-}
-
-impl Blend {
-    fn new(state: &State, rect: &Rect) -> Self {
-        let at: [Vec2; 4] = rect.corners.map(|t| {
-            let [x, y] = state.texels.pixel[t as usize].map(f32::from);
-            Vec2::new(x, y)
-        });
-        let exact = (0..4).all(|k| at[k] == Vec2::new(rect.x[k & 1] as f32, rect.y[k >> 1] as f32));
-        if exact {
-            let size = at[3] - at[0];
-            return Blend::Bilinear { origin: at[0], scale: 1.0 / size.max(Vec2::ONE) };
-        }
-        Self::plane(at)
-    }
-
-    fn plane(at: [Vec2; 4]) -> Self {
-        let centre = (at[0] + at[1] + at[2] + at[3]) / 4.0;
-        let d = at.map(|p| p - centre);
-        let (mut xx, mut xy, mut yy) = (0.0, 0.0, 0.0);
-        for p in d {
-            xx += p.x * p.x;
-            xy += p.x * p.y;
-            yy += p.y * p.y;
-        }
-        // A little stiffness keeps slopes finite where the probes lie on a line or in one place.
-        let stiff = 0.01 * (xx + yy) + 0.25;
-        let (xx, yy) = (xx + stiff, yy + stiff);
-        let det = xx * yy - xy * xy;
-        let rows = [[0.25; 4], d.map(|p| (yy * p.x - xy * p.y) / det), d.map(|p| (xx * p.y - xy * p.x) / det)];
-        Blend::Plane { centre, rows }
-    }
-
-    fn weights(&self, p: Vec2) -> [f32; 4] {
-        match self {
-            Blend::Bilinear { origin, scale } => {
-                let f = ((p - *origin) * *scale).clamp(Vec2::ZERO, Vec2::ONE);
-                [(1.0 - f.x) * (1.0 - f.y), f.x * (1.0 - f.y), (1.0 - f.x) * f.y, f.x * f.y]
-            }
-            Blend::Plane { centre, rows } => {
-                let d = p - *centre;
-                std::array::from_fn(|k| rows[0][k] + rows[1][k] * d.x + rows[2][k] * d.y)
-            }
-        }
-    }
-
-    fn value(&self, p: Vec2, corner: impl Fn(usize) -> Vec3) -> Vec3 {
-        let w = self.weights(p);
-        corner(0) * w[0] + corner(1) * w[1] + corner(2) * w[2] + corner(3) * w[3]
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn planes_reproduce_linear_functions() {
-        let at = [Vec2::new(1.0, 0.0), Vec2::new(9.0, 1.0), Vec2::new(0.0, 7.0), Vec2::new(8.0, 9.0)];
-        let f = |p: Vec2| Vec3::splat(3.0 + 0.5 * p.x - 0.25 * p.y);
-        let blend = Blend::plane(at);
-        let p = Vec2::new(4.0, 5.0);
-        let got = blend.value(p, |k| f(at[k]));
-        assert!((got - f(p)).length() < 0.1, "{got}");
-        let constant = blend.value(p, |_| Vec3::ONE);
-        assert!((constant - Vec3::ONE).length() < 1e-5);
-    }
 }

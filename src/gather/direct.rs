@@ -13,6 +13,7 @@ use crate::math::{Sequence, hash2, hash3};
 use crate::progress::{Cancelled, Counter, Progress, Stage};
 use crate::scene::Rgb;
 use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
 use std::sync::atomic::{AtomicU64, Ordering};
 
 /// Texels per parallel task.
@@ -33,6 +34,10 @@ const SLIVER: f32 = 8.0;
 const MOST_BLIND: u32 = 128;
 /// Times the rays that a texel casts if its neighbourhood disagrees.
 const CLOSER: u32 = 4;
+/// Times the rays of every texel that one casts which is looked at again.
+const MANY: u32 = 16;
+/// Points of an element that see the sky for all of it.
+const SKY_POINTS: usize = 2;
 /// Points of a texel that is near a lamp.
 const NEAR_SAMPLES: u32 = 32;
 
@@ -45,12 +50,19 @@ pub struct DirectSettings {
     pub most: u32,
     /// Relative error of the lightmap to aim for.
     pub error: f32,
+    /// Whether the sky through openings is sent, too.
+    pub sky: bool,
 }
 
 impl DirectSettings {
     /// Settings whose noise stays below a relative error of the whole lightmap.
     pub fn for_error(error: f32) -> Self {
-        Self { base: 4, most: 1024, error }
+        Self { base: 4, most: 1024, error, sky: true }
+    }
+
+    /// Few rays for a first look at lamps, and none for the sky.
+    pub fn rough() -> Self {
+        Self { base: 1, most: 8, error: 0.15, sky: false }
     }
 
     /// Rays of every texel to the sky behind portals, which unblocked would bring `free` where about `around` W/m² arrive.
@@ -70,16 +82,19 @@ impl DirectSettings {
 
 /// Irradiance that the light of one lamp is measured by at a texel, W/m², where `so_far` arrives there and `mean` in the
 /// whole scene: what is dim beside the scene must be clean beside what lights it.
-fn around(so_far: Rgb, mean: f32) -> f32 {
+fn yardstick(so_far: Rgb, mean: f32) -> f32 {
     (BESIDE * so_far.max_element()).clamp(DIM * mean, mean)
 }
 
 /// Light straight from lamps at every texel.
+#[derive(Serialize, Deserialize)]
 pub struct Direct {
     /// W/m².
     pub irradiance: Vec<Rgb>,
     /// The same by light group.
     pub groups: Grouped,
+    /// Root of the mean squared noise to be expected in penumbrae, W/m², mean of channels.
+    pub noise: f32,
     /// Rays cast.
     pub rays: u64,
 }
@@ -97,11 +112,13 @@ pub fn texel_direct(
     let mut irradiance = vec![Rgb::ZERO; texels.len()];
     let mut groups = Grouped::new(groups, texels.len());
     let mut part = vec![Rgb::ZERO; texels.len()];
-    let counter = Counter::new(progress, Stage::Direct, texels.len() * lamps.len() * 2);
+    let count = lamps.len() - if settings.sky { 0 } else { lamps.skies() };
+    let counter = Counter::new(progress, Stage::Direct, texels.len() * count * 2);
     let rays = AtomicU64::new(0);
     let mean = sample_mean(lamps, footprint, texels.len());
     let mut first = vec![Visibility::default(); texels.len()];
-    for lamp in 0..lamps.len() {
+    let mut noise = vec![0.0f64; texels.len().div_ceil(CHUNK)];
+    for lamp in 0..count {
         first.par_chunks_mut(CHUNK).enumerate().try_for_each(|(chunk, sums)| {
             let mut cast = 0;
             for (i, sum) in sums.iter_mut().enumerate() {
@@ -111,7 +128,7 @@ pub fn texel_direct(
                 let point = |u| footprint.point(texel, u);
                 let base = if lamps.is_sky(lamp) {
                     let free = unoccluded(sender, texels, footprint, texel);
-                    settings.sky(free.max_element(), around(irradiance[texel as usize], mean))
+                    settings.sky(free.max_element(), yardstick(irradiance[texel as usize], mean))
                 } else {
                     settings.base
                 };
@@ -120,7 +137,7 @@ pub fn texel_direct(
             rays.fetch_add(cast, Ordering::Relaxed);
             counter.advance(sums.len())
         })?;
-        part.par_chunks_mut(CHUNK).enumerate().try_for_each(|(chunk, out)| {
+        part.par_chunks_mut(CHUNK).zip(&mut noise).enumerate().try_for_each(|(chunk, (out, noise))| {
             let mut cast = 0;
             for (i, e) in out.iter_mut().enumerate() {
                 let texel = (chunk * CHUNK + i) as u32;
@@ -137,14 +154,13 @@ pub fn texel_direct(
                     let edge = CLOSER * sum.tried;
                     cast += lamps.test(sender, seed, edge, point, &mut sum);
                     if sum.seen() == Seen::Part {
-                        let most = settings.penumbra(
-                            free.max_element(),
-                            around(irradiance[texel as usize] + free * sum.share(), mean),
-                        );
+                        let around = yardstick(irradiance[texel as usize] + free * sum.share(), mean);
+                        let most = settings.penumbra(free.max_element(), around);
                         cast += lamps.test(sender, seed, most, point, &mut sum);
                     }
                 }
                 *e = free * sum.share();
+                *noise += f64::from(free.element_sum() / 3.0).powi(2) * f64::from(sum.variance());
             }
             rays.fetch_add(cast, Ordering::Relaxed);
             counter.advance(out.len())
@@ -152,7 +168,51 @@ pub fn texel_direct(
         irradiance.par_iter_mut().zip(&part).for_each(|(e, &part)| *e += part);
         groups.add(lamps.group(lamp), &part);
     }
-    Ok(Direct { irradiance, groups, rays: rays.into_inner() })
+    let noise = (noise.iter().sum::<f64>() / texels.len().max(1) as f64).sqrt() as f32;
+    Ok(Direct { irradiance, groups, noise, rays: rays.into_inner() })
+}
+
+/// The same again, whole and by light group, with many rays, for the texels that are `wanted`. Returns the rays cast.
+pub fn closer_direct(
+    lamps: &Lamps,
+    texels: &Texels,
+    footprint: &Footprint,
+    settings: &DirectSettings,
+    wanted: &[bool],
+    irradiance: &mut [Rgb],
+    groups: &mut Grouped,
+    progress: &dyn Progress,
+) -> Result<u64, Cancelled> {
+    let mean = sample_mean(lamps, footprint, texels.len());
+    let rays = AtomicU64::new(0);
+    let rows = groups.rows_mut(texels.len());
+    let all = irradiance.par_iter_mut().zip(rows).zip(wanted).enumerate().filter(|(_, (_, wanted))| **wanted);
+    all.try_for_each(|(t, ((e, row), _))| {
+        let texel = t as u32;
+        let mut cast = 0;
+        let mut sum = Rgb::ZERO;
+        row.fill(Rgb::ZERO);
+        for lamp in 0..lamps.len() {
+            let Some(sender) = lamps.get(lamp, &footprint.centre(texel)) else { continue };
+            let free = unoccluded(sender, texels, footprint, texel);
+            let (point, seed) = (|u| footprint.point(texel, u), hash2(texel, lamp as u32));
+            let mut look = Visibility::default();
+            cast += lamps.test(sender, seed, MANY * settings.base, point, &mut look);
+            if look.seen() == Seen::Part {
+                let most = settings.penumbra(free.max_element(), yardstick(*e, mean));
+                cast += lamps.test(sender, seed, most, point, &mut look);
+            }
+            let light = free * look.share();
+            sum += light;
+            if let Some(part) = row.get_mut(usize::from(lamps.group(lamp))) {
+                *part += light;
+            }
+        }
+        *e = sum;
+        rays.fetch_add(cast, Ordering::Relaxed);
+        if progress.is_cancelled() { Err(Cancelled) } else { Ok(()) }
+    })?;
+    Ok(rays.into_inner())
 }
 
 /// Mean irradiance from all lamps, W/m², mean of channels, from every so many-th texel.
@@ -182,28 +242,24 @@ fn unoccluded(lamp: &Lamp, texels: &Texels, footprint: &Footprint, texel: u32) -
 /// True if a neighbour on the same chart sees the lamp differently. Looking no farther than next door would leave many
 /// texels that see almost all of a lamp with the few rays that happened to miss what blocks it.
 fn disagrees(atlas: &Atlas, texels: &Texels, first: &[Visibility], texel: u32) -> bool {
+    let own = first[texel as usize].seen();
+    around(atlas, texels, texel).any(|n| first[n as usize].seen() != own)
+}
+
+/// The texels within [`AROUND`] on the same chart, with the texel itself.
+fn around(atlas: &Atlas, texels: &Texels, texel: u32) -> impl Iterator<Item = u32> {
     let t = texel as usize;
-    let own = first[t].seen();
     let chart = texels.chart[t] as usize;
     let range = &texels.charts[chart];
     let page = &texels.pages[atlas.charts[chart].page];
     let [x, y] = texels.pixel[t].map(i64::from);
-    for dy in -AROUND..=AROUND {
-        for dx in -AROUND..=AROUND {
-            let (nx, ny) = (x + dx, y + dy);
-            if nx < 0 || ny < 0 || nx >= page.width as i64 || ny >= page.height as i64 {
-                continue;
-            }
-            let n = page.texel[(ny * page.width as i64 + nx) as usize];
-            if n != NO_TEXEL && range.contains(&n) && first[n as usize].seen() != own {
-                return true;
-            }
-        }
-    }
-    false
+    let span = |at: i64, size: u32| (at - AROUND).max(0)..=(at + AROUND).min(i64::from(size) - 1);
+    let rows = span(y, page.height);
+    let places = rows.flat_map(move |y| span(x, page.width).map(move |x| (y * i64::from(page.width) + x) as usize));
+    places.map(|place| page.texel[place]).filter(|&n| n != NO_TEXEL && range.contains(&n))
 }
 
-/// Irradiance of elements straight from the lamps, W/m², whole and by group: the texels' mean for fronts of charts,
+/// Irradiance of elements straight from the lamps, W/m², whole and by light group: the texels' mean for fronts of charts,
 /// sampled with `rays` rays per lamp elsewhere.
 pub fn element_direct(
     lamps: &Lamps,
@@ -228,10 +284,10 @@ pub fn element_direct(
                 }
                 return element.surfels.clone().map(|s| direct.irradiance[s as usize] * area(s)).sum::<Rgb>() / total;
             }
-            let points: Vec<SurfacePoint> = element.surfels.clone().map(|s| middle(surfels, s, element.side)).collect();
+            let points = element_points(surfels, element, rays as usize);
             lamps.mean(&points, hash3(index as u32, 0xe1e, 0), rays, |group, light| {
-                if let Some(sum) = row.get_mut(usize::from(group)) {
-                    *sum += light;
+                if let Some(part) = row.get_mut(usize::from(group)) {
+                    *part += light;
                 }
             })
         })
@@ -239,8 +295,22 @@ pub fn element_direct(
     (whole, groups)
 }
 
-/// The middle of a surfel's side.
-fn middle(surfels: &Surfels, s: u32, side: Side) -> SurfacePoint {
-    let normal = if side == Side::Front { surfels.normal(s) } else { -surfels.normal(s) };
-    SurfacePoint { position: surfels.position(s), geometric_normal: normal, shading_normal: normal }
+/// Irradiance of elements from the sky through openings, W/m², by `rays` rays each.
+pub fn element_sky(lamps: &Lamps, surfels: &Surfels, elements: &[Element], rays: u32) -> Vec<Rgb> {
+    let Some(sky) = (0..lamps.len()).find(|&lamp| lamps.is_sky(lamp)) else { return vec![Rgb::ZERO; elements.len()] };
+    let of_element = |(index, element)| {
+        // What an opening sends unblocked is costly to know at a point, and varies little over an element.
+        let points = element_points(surfels, element, SKY_POINTS);
+        lamps.mean_of(sky, &points, hash3(index as u32, 0x5c1, 0), rays)
+    };
+    elements.par_iter().enumerate().map(of_element).collect()
+}
+
+/// The middles of an element's surfels, or of `most` of them.
+fn element_points(surfels: &Surfels, element: &Element, most: usize) -> Vec<SurfacePoint> {
+    let point = |s: u32| {
+        let normal = if element.side == Side::Front { surfels.normal(s) } else { -surfels.normal(s) };
+        SurfacePoint { position: surfels.position(s), geometric_normal: normal, shading_normal: normal }
+    };
+    element.surfels.clone().step_by(element.surfels.len().div_ceil(most)).map(point).collect()
 }

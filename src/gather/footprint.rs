@@ -41,11 +41,32 @@ impl<'a> Footprint<'a> {
         texels: &'a Texels,
         progress: &dyn Progress,
     ) -> Result<Self, Cancelled> {
-        let scene = accel.scene();
         let view = View::new(accel, atlas, texels);
+        Self::collect(accel.scene(), atlas, texels, |t| view.facts(t), progress)
+    }
+
+    /// Looks at the middle of every texel only, and there only for what encloses it.
+    pub fn rough(
+        accel: &Accel<'a>,
+        atlas: &'a Atlas,
+        texels: &'a Texels,
+        progress: &dyn Progress,
+    ) -> Result<Self, Cancelled> {
+        let view = View::new(accel, atlas, texels);
+        Self::collect(accel.scene(), atlas, texels, |t| view.glance(t), progress)
+    }
+
+    /// The footprint that `facts` tells of.
+    fn collect(
+        scene: &'a Scene,
+        atlas: &'a Atlas,
+        texels: &'a Texels,
+        facts: impl Fn(u32) -> Facts + Sync,
+        progress: &dyn Progress,
+    ) -> Result<Self, Cancelled> {
         let facts: Vec<Facts> = (0..texels.len() as u32)
             .into_par_iter()
-            .map(|t| if progress.is_cancelled() { Err(Cancelled) } else { Ok(view.facts(t)) })
+            .map(|t| if progress.is_cancelled() { Err(Cancelled) } else { Ok(facts(t)) })
             .collect::<Result<_, Cancelled>>()?;
         Ok(Self {
             scene,

@@ -8,6 +8,7 @@
 use crate::hierarchy::Hierarchy;
 use crate::math::octahedral;
 use glam::Vec3;
+use serde::{Deserialize, Serialize};
 use std::ops::Range;
 
 /// Bins along a side of the octahedral map of directions.
@@ -21,6 +22,7 @@ const HOT: f32 = 10.0;
 type Bins = [u32; SIDE * SIDE / 32];
 
 /// Bright directions per group of neighbouring elements.
+#[derive(Serialize, Deserialize)]
 pub struct Guide {
     /// Group of every element.
     group: Vec<u32>,

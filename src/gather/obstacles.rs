@@ -75,6 +75,15 @@ impl<'a> View<'a> {
         Facts { cells, bent, hidden, open, parted, crossed }
     }
 
+    /// What a look from the texel's middle tells: whether it lies inside other geometry.
+    pub(super) fn glance(&self, texel: u32) -> Facts {
+        let t = texel as usize;
+        let (position, normal) = (self.texels.position[t], self.texels.geometric_normal[t]);
+        let hidden = self.has_solids && is_inside(self.accel, position, normal);
+        let open = if hidden { 0.0 } else { 1.0 };
+        Facts { cells: u16::MAX, bent: false, hidden, open, parted: false, crossed: false }
+    }
+
     fn sample(&self, texel: u32, offset: Vec2) -> Option<SurfacePoint> {
         self.texels.sample(self.accel.scene(), self.atlas, texel, offset)
     }

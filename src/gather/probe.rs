@@ -14,6 +14,7 @@ use crate::hierarchy::Side;
 use crate::math::{Sequence, cosine_hemisphere, hash2};
 use crate::scene::Rgb;
 use glam::{Vec2, Vec3};
+use serde::{Deserialize, Serialize};
 use std::f32::consts::PI;
 
 /// Strata along a side of the square that maps to the hemisphere.
@@ -42,10 +43,12 @@ pub struct ProbeSettings {
 }
 
 /// Irradiance at a texel, with what is needed to judge how far it reaches.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct Probe {
     /// W/m².
     pub irradiance: Rgb,
+    /// The same by light group, if light is kept apart.
+    pub groups: Box<[Rgb]>,
     /// Harmonic mean distance to what is seen, metres.
     pub distance: f32,
     /// Standard error of the irradiance's mean channel, W/m².
@@ -55,9 +58,8 @@ pub struct Probe {
 }
 
 impl Probe {
-    /// Gathers at `texel`. Rays start all over the texel's usable part, so that the value is its mean. Gives the irradiance
-    /// by light group, too.
-    pub fn gather(source: &Source, footprint: &Footprint, texel: u32, settings: &ProbeSettings) -> (Self, Vec<Rgb>) {
+    /// Gathers at `texel`. Rays start all over the texel's usable part, so that the value is its mean.
+    pub fn gather(source: &Source, footprint: &Footprint, texel: u32, settings: &ProbeSettings) -> Self {
         let receiver = footprint.centre(texel).position;
         let view = View { source, footprint, texel, receiver, screen: source.start(texel, Side::Front).screen };
         let mut strata = [Stratum::default(); STRATA];
@@ -103,18 +105,18 @@ impl Probe {
             }
         }
         let variance: f32 = spread.iter().zip(&strata).map(|(&spread, s)| spread * spread / s.count as f32).sum();
-        let probe = Self {
-            irradiance: sent.irradiance
-                + strata.iter().map(|s| s.sum / s.count as f32).sum::<Rgb>() * (PI / STRATA as f32),
-            distance: STRATA as f32 / inverse.max(1e-12),
-            error: (PI * variance.sqrt() / STRATA as f32).hypot(sent.error),
-            rays,
-        };
         for (s, stratum) in strata.iter().enumerate() {
             let share = PI / (STRATA as f32 * stratum.count as f32);
             parts.iter_mut().zip(groups.of(s)).for_each(|(part, &sum)| *part += sum * share);
         }
-        (probe, parts)
+        Self {
+            irradiance: sent.irradiance
+                + strata.iter().map(|s| s.sum / s.count as f32).sum::<Rgb>() * (PI / STRATA as f32),
+            groups: parts.into(),
+            distance: STRATA as f32 / inverse.max(1e-12),
+            error: (PI * variance.sqrt() / STRATA as f32).hypot(sent.error),
+            rays,
+        }
     }
 }
 

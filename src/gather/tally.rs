@@ -7,9 +7,10 @@ use crate::scene::{Group, MOST_GROUPS, Rgb};
 use half::f16;
 use half::slice::HalfFloatSliceExt;
 use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
 
 /// One value per item and light group; those of an item stand side by side. Holds nothing where light is not kept apart.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Grouped {
     groups: usize,
     values: Vec<Rgb>,

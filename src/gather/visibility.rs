@@ -53,6 +53,12 @@ impl Visibility {
         }
     }
 
+    /// Variance of the unblocked share, mean of channels: that of stratified samples across an edge falls as n^(−3/2).
+    pub(super) fn variance(&self) -> f32 {
+        let share = self.share().element_sum() / 3.0;
+        (share * (1.0 - share)).max(0.0) / (self.tried.max(1) as f32).powf(1.5)
+    }
+
     /// Unblocked share per channel.
     pub(super) fn share(&self) -> Rgb {
         Rgb::from_array(std::array::from_fn(|c| if self.all[c] > 0.0 { self.open[c] / self.all[c] } else { 0.0 }))
@@ -85,7 +91,12 @@ impl<'a> Lamps<'a> {
 
     /// Lamps that may light one receiver, numbered from zero: the sky seen through portals comes last.
     pub(super) fn len(&self) -> usize {
-        self.lamps.len() + usize::from(!self.portals.is_empty())
+        self.lamps.len() + self.skies()
+    }
+
+    /// Those among them that stand for the sky: one, or none where no portal is.
+    pub(super) fn skies(&self) -> usize {
+        usize::from(!self.portals.is_empty())
     }
 
     /// True if number `lamp` is the sky, which is seen unlike in every neighbourhood.
@@ -170,7 +181,7 @@ impl<'a> Lamps<'a> {
     }
 
     /// The part of one lamp in [`Lamps::mean`].
-    fn mean_of(&self, lamp: usize, points: &[SurfacePoint], seed: u32, rays: u32) -> Rgb {
+    pub(super) fn mean_of(&self, lamp: usize, points: &[SurfacePoint], seed: u32, rays: u32) -> Rgb {
         let at = |p: &SurfacePoint| {
             self.get(lamp, p).map_or(Rgb::ZERO, |lamp| lamp.unoccluded(p.position, p.shading_normal))
         };

@@ -5,13 +5,12 @@ use glam::Vec3;
 use std::f32::consts::PI;
 use std::ops::Range;
 
-/// Bits of the Morton key inside one element: 4×4 surfels.
-const ELEMENT_BITS: u32 = 4;
 /// Bins per axis in the cluster build.
 const BINS: usize = 16;
 
-/// Builds the tree over the fronts of all `surfaces` and the backs of those that `backs` marks.
-pub fn build(surfels: &Surfels, surfaces: &[Surface], backs: &[bool]) -> Hierarchy {
+/// Builds the tree over the fronts of all `surfaces` and the backs of those that `backs` marks. Elements have up to
+/// `side`×`side` surfels, a power of two.
+pub fn build(surfels: &Surfels, surfaces: &[Surface], backs: &[bool], side: u32) -> Hierarchy {
     let mut sides: Vec<(usize, Side)> = (0..surfaces.len()).map(|s| (s, Side::Front)).collect();
     sides.extend((0..surfaces.len()).filter(|&s| backs[s]).map(|s| (s, Side::Back)));
     let mut roots: Vec<Root> = sides
@@ -28,7 +27,7 @@ pub fn build(surfels: &Surfels, surfaces: &[Surface], backs: &[bool]) -> Hierarc
         ..Hierarchy::default()
     };
     if !roots.is_empty() {
-        Builder { surfels, surfaces, tree: &mut tree }.cluster(&mut roots);
+        Builder { surfels, surfaces, element_bits: 2 * side.ilog2(), tree: &mut tree }.cluster(&mut roots);
     }
     tree
 }
@@ -119,6 +118,8 @@ fn bounds_of(surfels: &Surfels, range: Range<u32>, side: Side) -> Bounds {
 struct Builder<'a, 'b> {
     surfels: &'a Surfels<'a>,
     surfaces: &'a [Surface],
+    /// Bits of the Morton key inside one element.
+    element_bits: u32,
     tree: &'b mut Hierarchy,
 }
 
@@ -146,7 +147,7 @@ impl Builder<'_, '_> {
         let node = self.open();
         // An element that reached through a wall would carry light through it.
         let parted = range.len() > 1 && range.clone().any(|s| self.surfels.is_parted(s));
-        if shift <= ELEMENT_BITS && !parted {
+        if shift <= self.element_bits && !parted {
             let e = self.tree.elements.len() as u32;
             let table = if side == Side::Front { &mut self.tree.front } else { &mut self.tree.back };
             table[range.start as usize..range.end as usize].fill(e);

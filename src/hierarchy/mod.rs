@@ -1,4 +1,4 @@
-//! The energy hierarchy: elements (at most 4×4 texels) under chart quadtrees under a binary tree of clusters.
+//! The energy hierarchy: elements (a few texels each) under chart quadtrees under a binary tree of clusters.
 //!
 //! Topology and geometry only; solver state lives in arrays indexed by node or element, owned by `solve`.
 //! Based on: Hanrahan, Salzman, Aupperle, "A Rapid Hierarchical Radiosity Algorithm", 1991; Smits, Arvo, Greenberg,

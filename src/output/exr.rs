@@ -2,7 +2,7 @@
 //!
 //! The same page gives the same bytes on every run.
 
-use super::Precision;
+use super::{Precision, State};
 use crate::atlas::PageImage;
 use crate::scene::Rgb;
 use crate::units::Quantity;
@@ -24,6 +24,8 @@ pub struct PageAttributes {
     pub page: usize,
     /// Hash of the scene file and all that it refers to.
     pub scene_hash: String,
+    /// How far the bake had come.
+    pub state: State,
     /// Light group that is shown, none for all light.
     pub group: Option<String>,
 }
@@ -94,6 +96,8 @@ fn layer_attributes(attributes: &PageAttributes) -> LayerAttributes {
         ("lightkiln:page".into(), AttributeValue::I32(attributes.page as i32)),
         ("lightkiln:version".into(), text(version)),
         ("lightkiln:sceneHash".into(), text(&attributes.scene_hash)),
+        ("lightkiln:state".into(), text(attributes.state.reached.name())),
+        ("lightkiln:predictedError".into(), AttributeValue::F32(attributes.state.predicted_error as f32)),
     ]);
     layer.other.extend(attributes.group.as_ref().map(|group| ("lightkiln:group".into(), text(group))));
     layer
@@ -141,14 +145,17 @@ fn sort_attributes(file: &mut [u8]) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::output::Milestone;
     use exr::prelude::{ReadChannels, ReadLayers};
 
     fn attributes() -> PageAttributes {
+        let state = State { reached: Milestone::Preview, predicted_error: 0.125 };
         PageAttributes {
             quantity: Quantity::Radiance,
             uv_set: 1,
             page: 3,
             scene_hash: "abc".into(),
+            state,
             group: Some("Key".into()),
         }
     }
@@ -207,6 +214,8 @@ mod tests {
         assert_eq!(text("lightkiln:unit"), "W/(m^2*sr)");
         assert_eq!(text("lightkiln:uvSet"), "TEXCOORD_1");
         assert_eq!(text("lightkiln:sceneHash"), "abc");
+        assert_eq!(text("lightkiln:state"), "preview");
+        assert_eq!(other[&Text::from("lightkiln:predictedError")], AttributeValue::F32(0.125));
         assert_eq!(text("lightkiln:group"), "Key");
         assert_eq!(other[&Text::from("lightkiln:page")], AttributeValue::I32(3));
         assert_eq!(image.attributes.chromaticities, Some(rec709()));

@@ -1,7 +1,8 @@
 //! A set of result files that appears whole or not at all.
 //!
 //! Every file is written beside its final name under a temporary one. [`OutputSet::commit`] renames them once all are
-//! complete and on the disk. A set that is dropped before, and [`abandon`] when the process is told to stop, remove
+//! complete and on the disk; the set may then be written again, and the next commit replaces what the last one left.
+//! A set that is dropped before, and [`abandon`] when the process is told to stop, remove
 //! the temporary files and the folders that were made for them.
 
 use std::fs::{self, File};
@@ -150,6 +151,14 @@ impl OutputSet {
         Ok(set)
     }
 
+    /// Removes what a bake that was killed has left half written. Only where no other bake can be at work.
+    pub fn sweep(&self) {
+        let own = format!(".partial-{}", std::process::id());
+        let is_left = |name: &str| name.starts_with('.') && name.contains(".partial-") && !name.ends_with(&own);
+        let entries = fs::read_dir(&self.folder).into_iter().flatten().flatten();
+        entries.filter(|e| e.file_name().to_str().is_some_and(is_left)).for_each(|e| remove(&e.path()));
+    }
+
     /// Name of lightmap page `index`.
     pub fn page_name(index: usize) -> String {
         format!("lightmap_{index}.exr")
@@ -183,12 +192,9 @@ impl OutputSet {
         content: impl FnOnce(&mut dyn Sink) -> io::Result<()>,
     ) -> Result<(), OutputError> {
         let target = self.folder.join(name);
-        let temporary = self.folder.join(format!(".{name}.partial-{}", std::process::id()));
-        let file = create(&temporary).map_err(|e| OutputError::writing(&target, e))?;
-        self.written.push(Written { target: target.clone(), temporary });
-        let mut sink = BufWriter::with_capacity(1 << 18, file);
-        let result = content(&mut sink).and_then(|()| sink.flush()).and_then(|()| sink.get_ref().sync_all());
-        result.map_err(|e| OutputError::writing(&target, e))
+        let temporary = temporary(&target);
+        self.written.push(Written { target: target.clone(), temporary: temporary.clone() });
+        fill(&temporary, content).map_err(|e| OutputError::writing(&target, e))
     }
 
     /// As [`OutputSet::write`], but if that fails the set goes on without the file.
@@ -207,7 +213,7 @@ impl OutputSet {
 
     /// Gives all files their names and returns their paths, in the order in which they were written. Pages of an
     /// earlier bake that this one does not replace are removed, and its solution: they would pass for its own.
-    pub fn commit(mut self) -> Result<Vec<PathBuf>, OutputError> {
+    pub fn commit(&mut self) -> Result<Vec<PathBuf>, OutputError> {
         // Held throughout, so that a signal finds either none or all of the results.
         let mut list = unfinished();
         for w in &self.written {
@@ -226,6 +232,8 @@ impl OutputSet {
         self.created.clear();
         let outputs: Vec<PathBuf> = written.into_iter().map(|w| w.target).collect();
         self.pages_on_disk().iter().filter(|p| !outputs.contains(p) && !self.kept.contains(p)).for_each(|p| remove(p));
+        // From now on these names are its own.
+        self.force = true;
         Ok(outputs)
     }
 
@@ -315,6 +323,35 @@ pub fn read_result(path: &Path) -> Result<Option<Vec<u8>>, OutputError> {
     let mut content = Vec::new();
     let read = file.read_to_end(&mut content).map_err(|source| OutputError::Read { path: path.to_path_buf(), source });
     read.map(|_| Some(content))
+}
+
+/// Writes a single file whole, in place of an earlier one of that name.
+pub(super) fn replace(target: &Path, content: impl FnOnce(&mut dyn Sink) -> io::Result<()>) -> Result<(), OutputError> {
+    let temporary = temporary(target);
+    let result = fill(&temporary, content).and_then(|()| {
+        let mut list = unfinished();
+        fs::rename(&temporary, target)?;
+        list.retain(|p| *p != temporary);
+        Ok(())
+    });
+    result.map_err(|e| {
+        discard(&temporary);
+        OutputError::writing(target, e)
+    })
+}
+
+/// The name of a file beside `target` that is to become it.
+fn temporary(target: &Path) -> PathBuf {
+    let name = target.file_name().unwrap_or_default().to_string_lossy();
+    target.with_file_name(format!(".{name}.partial-{}", std::process::id()))
+}
+
+/// Writes a file that is not a result yet, and waits until it is on the disk.
+fn fill(path: &Path, content: impl FnOnce(&mut dyn Sink) -> io::Result<()>) -> io::Result<()> {
+    let mut sink = BufWriter::with_capacity(1 << 18, create(path)?);
+    content(&mut sink)?;
+    sink.flush()?;
+    sink.get_ref().sync_all()
 }
 
 /// Creates a file that is not a result yet.

@@ -105,7 +105,21 @@ fn interval(e: &Estimate) -> String {
 fn tables(report: &Report) -> String {
     let count = |n: usize| n.to_string();
     let scene = &report.scene;
-    let mut out = table(
+    let mut state = vec![
+        ("reached", report.state.reached.name().to_owned()),
+        ("error to expect", percent(report.state.predicted_error)),
+    ];
+    for r in &report.refinements {
+        let text = format!(
+            "{} of the texels again, aiming for {}; the error had been {}",
+            percent(r.texels),
+            percent(r.aim),
+            interval(&r.error_before)
+        );
+        state.push(("gathered", text));
+    }
+    let mut out = table("State", &state);
+    out += &table(
         "Scene",
         &[
             ("meshes", count(scene.meshes)),

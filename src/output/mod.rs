@@ -1,5 +1,6 @@
 //! Writing what was baked: EXR pages, the lit GLB and the report, all or none of them.
 
+pub mod checkpoint;
 pub mod exr;
 pub mod files;
 pub mod glb;
@@ -10,6 +11,7 @@ pub mod process;
 pub mod report;
 mod thumbnail;
 
+pub use checkpoint::CheckpointError;
 pub use files::{OutputError, OutputSet, open_result, read_result};
 pub use report::Report;
 
@@ -26,6 +28,44 @@ pub enum Precision {
     Half,
     /// Single floats.
     Float,
+}
+
+/// How good the lightmap is that a set of results holds.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct State {
+    /// What the bake has reached.
+    pub reached: Milestone,
+    /// Relative error that the bake itself expects. It knows of noise and interpolation; an audit finds the rest.
+    pub predicted_error: f64,
+}
+
+/// What a bake can have reached.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Milestone {
+    /// All light, roughly.
+    Preview,
+    /// Light from lamps in full, the rest as in the preview.
+    Direct,
+    /// The rest as the radiosity solution has it.
+    Solution,
+    /// Part of the final gather.
+    Gather,
+    /// Everything.
+    Final,
+}
+
+impl Milestone {
+    /// Name in reports, events and files.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Preview => "preview",
+            Self::Direct => "direct",
+            Self::Solution => "solution",
+            Self::Gather => "gather",
+            Self::Final => "final",
+        }
+    }
 }
 
 /// Where the results go and in which form.

@@ -2,16 +2,18 @@
 //!
 //! The structs are the schema: fields are only ever added within one schema version.
 
-use super::process;
+use super::{State, process};
 use crate::atlas::PageImage;
-use crate::audit::Audit;
+use crate::audit::{Audit, Estimate};
 use crate::progress::Stage;
 use crate::warning::Warning;
 use glam::{DVec3, Vec3};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
+use std::cell::RefCell;
 use std::collections::BTreeMap;
 use std::io::{self, Write};
+use std::ops::{Add, Sub};
 use std::time::Instant;
 
 /// Name and version of the schema.
@@ -26,6 +28,8 @@ pub struct Report {
     pub version: &'static str,
     /// What was baked.
     pub scene: SceneFacts,
+    /// How far the bake had come when this was written.
+    pub state: State,
     /// Settings in effect, by name.
     pub settings: BTreeMap<String, Value>,
     /// Where the time went, in the order of the stages.
@@ -45,12 +49,25 @@ pub struct Report {
     pub relight: Option<RelightFacts>,
     /// How far the lightmap is from the truth; null without an audit.
     pub audit: Option<Audit>,
+    /// What was gathered again because an audit had found it worse than wanted.
+    pub refinements: Vec<RefinementFacts>,
     /// Most memory held at one time, bytes; null where the system does not tell.
     pub memory_peak_bytes: Option<u64>,
     /// Faults that the bake went on after.
     pub warnings: Vec<Warning>,
     /// Result files: names relative to the report's folder.
     pub outputs: Vec<String>,
+}
+
+/// What was gathered again, and why.
+#[derive(Clone, Debug, Serialize)]
+pub struct RefinementFacts {
+    /// Error of the lightmap before.
+    pub error_before: Estimate,
+    /// Share of all texels that were gathered again.
+    pub texels: f64,
+    /// Relative error that was aimed for there.
+    pub aim: f64,
 }
 
 /// A light group.
@@ -103,6 +120,24 @@ pub struct Duration {
     pub cpu_s: Option<f64>,
 }
 
+impl Add for Duration {
+    type Output = Self;
+
+    fn add(self, other: Self) -> Self {
+        let cpu_s = self.cpu_s.zip(other.cpu_s).map(|(a, b)| a + b);
+        Self { wall_s: self.wall_s + other.wall_s, cpu_s }
+    }
+}
+
+impl Sub for Duration {
+    type Output = Self;
+
+    fn sub(self, other: Self) -> Self {
+        let cpu_s = self.cpu_s.zip(other.cpu_s).map(|(a, b)| a - b);
+        Self { wall_s: self.wall_s - other.wall_s, cpu_s }
+    }
+}
+
 /// Time of one stage.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct StageFacts {
@@ -114,7 +149,7 @@ pub struct StageFacts {
 }
 
 /// Size of the radiosity system.
-#[derive(Clone, Copy, Debug, Default, Serialize)]
+#[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
 pub struct SolverFacts {
     /// Nodes of the hierarchy.
     pub nodes: u64,
@@ -184,33 +219,39 @@ impl Report {
 #[derive(Debug)]
 pub struct StageClock {
     start: (Instant, Option<f64>),
-    stages: Vec<StageFacts>,
+    stages: RefCell<Vec<StageFacts>>,
 }
 
 impl StageClock {
     /// Starts now.
     pub fn start() -> Self {
-        Self { start: now(), stages: Vec::new() }
+        Self { start: now(), stages: RefCell::default() }
     }
 
-    /// Runs `work` as part of `stage`. A stage that runs more than once counts as one.
-    pub fn measure<T>(&mut self, stage: Stage, work: impl FnOnce() -> T) -> T {
-        let start = now();
+    /// Runs `work` as part of `stage`. A stage that runs more than once counts as one; what other stages take meanwhile
+    /// is theirs.
+    pub fn measure<T>(&self, stage: Stage, work: impl FnOnce() -> T) -> T {
+        let (start, before) = (now(), self.measured());
         let result = work();
-        let duration = since(start);
-        match self.stages.iter_mut().find(|s| s.stage == stage.name()) {
-            Some(s) => {
-                s.duration.wall_s += duration.wall_s;
-                s.duration.cpu_s = s.duration.cpu_s.zip(duration.cpu_s).map(|(a, b)| a + b);
-            }
-            None => self.stages.push(StageFacts { stage: stage.name(), duration }),
+        let inside = self.measured() - before;
+        let duration = since(start) - inside;
+        let mut stages = self.stages.borrow_mut();
+        match stages.iter_mut().find(|s| s.stage == stage.name()) {
+            Some(s) => s.duration = s.duration + duration,
+            None => stages.push(StageFacts { stage: stage.name(), duration }),
         }
         result
     }
 
+    /// Time of all stages together.
+    fn measured(&self) -> Duration {
+        let zero = Duration { wall_s: 0.0, cpu_s: Some(0.0) };
+        self.stages.borrow().iter().fold(zero, |sum, s| sum + s.duration)
+    }
+
     /// Time per stage so far.
-    pub fn stages(&self) -> &[StageFacts] {
-        &self.stages
+    pub fn stages(&self) -> Vec<StageFacts> {
+        self.stages.borrow().clone()
     }
 
     /// Time since the start.
@@ -231,15 +272,19 @@ fn since((wall, cpu): (Instant, Option<f64>)) -> Duration {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::thread::sleep;
+    use std::time::Duration as Pause;
 
     #[test]
     fn a_repeated_stage_counts_once() {
-        let mut clock = StageClock::start();
-        clock.measure(Stage::Gather, || ());
+        let clock = StageClock::start();
+        clock.measure(Stage::Gather, || clock.measure(Stage::Output, || sleep(Pause::from_millis(5))));
         clock.measure(Stage::Output, || ());
         clock.measure(Stage::Gather, || ());
-        let names: Vec<_> = clock.stages().iter().map(|s| s.stage).collect();
-        assert_eq!(names, ["gather", "output"]);
+        let stages = clock.stages();
+        let names: Vec<_> = stages.iter().map(|s| s.stage).collect();
+        assert_eq!(names, ["output", "gather"]);
+        assert!(stages[0].duration.wall_s > stages[1].duration.wall_s, "{stages:?}");
         assert!(clock.total().wall_s >= clock.stages().iter().map(|s| s.duration.wall_s).sum::<f64>());
     }
 }

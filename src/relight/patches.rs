@@ -5,7 +5,7 @@
 //! only the change is taken from patches, all detail from the lightmap.
 
 use crate::atlas::Atlas;
-use crate::gather::{Bounce, Grouped, NOTHING, RAYS};
+use crate::gather::{Bounce, Grouped, NOTHING};
 use crate::hierarchy::{Hierarchy, Side, Surfels};
 use crate::scene::{Rgb, Scene};
 use rayon::prelude::*;
@@ -80,6 +80,7 @@ impl Patches {
             None => of_element.get(receiver as usize).copied().unwrap_or(NOTHING),
         };
         let groups = direct.groups();
+        let each = bounce.hits.len() / (tree.elements.len() + shut.len()).max(1);
         let mut patches = Self {
             own: Grouped::new(groups, ranges.len()),
             direct: Grouped::new(groups, ranges.len()),
@@ -94,9 +95,9 @@ impl Patches {
                 add(patches.direct.of_mut(p), direct.of(e as usize), share);
             }
             patches.first_ray.push(patches.rays.len() as u32);
-            patches
-                .rays
-                .extend(rays(tree, range, &bounce.hits).map(|hit| if hit == NOTHING { hit } else { patch_of(hit) }));
+            patches.rays.extend(
+                rays(tree, range, &bounce.hits, each).map(|hit| if hit == NOTHING { hit } else { patch_of(hit) }),
+            );
             patches.reflectors.extend(reflectors(lit, p as u32, range));
         }
         patches.first_ray.push(patches.rays.len() as u32);
@@ -191,20 +192,25 @@ fn ranges(tree: &Hierarchy) -> Vec<Range<u32>> {
 }
 
 /// Rays of a patch, drawn from its elements in proportion to their areas; each element gives its rays in order, for the
-/// first ones of a sequence are as evenly spread as all.
-fn rays<'a>(tree: &'a Hierarchy, range: &Range<u32>, hits: &'a [u32]) -> impl Iterator<Item = u32> + use<'a> {
+/// first ones of a sequence are as evenly spread as all. Every element has as many as `each`.
+fn rays<'a>(
+    tree: &'a Hierarchy,
+    range: &Range<u32>,
+    hits: &'a [u32],
+    each: usize,
+) -> impl Iterator<Item = u32> + use<'a> {
     let (first, end) = (range.start as usize, range.end as usize);
     let surfels: usize = tree.elements[first..end].iter().map(|e| e.surfels.len()).sum();
-    let all = RAYS as usize * (end - first);
+    let all = each * (end - first);
     let count = (RAYS_PER_SURFEL * surfels).clamp(FEWEST_RAYS, MOST_RAYS).min(all);
     let (low, high) = (tree.cumulative_area[first], tree.cumulative_area[end]);
     let mut used = vec![0usize; end - first];
     (0..count).map(move |k| {
         let at = low + (high - low) * (k as f64 + 0.5) / count as f64;
         let e = (first + tree.cumulative_area[first + 1..end].partition_point(|&a| a <= at)).min(end - 1);
-        let ray = used[e - first] % RAYS as usize;
+        let ray = used[e - first] % each;
         used[e - first] += 1;
-        hits[e * RAYS as usize + ray]
+        hits[e * each + ray]
     })
 }
 

@@ -4,9 +4,10 @@ use super::rooms::{Baked, Face, Room, baked, baked_with, laid_out, sphere};
 use super::{cube, grey};
 use glam::Vec3;
 use lightkiln::accel::Accel;
-use lightkiln::bake;
+use lightkiln::bake::{self, Counts, Draft, Found, FoundSoFar, Observer, Refinement};
+use lightkiln::gather::{Lightmap, Probe};
 use lightkiln::output::report::StageClock;
-use lightkiln::progress::Silent;
+use lightkiln::progress::{Cancelled, Silent};
 use lightkiln::relight::Patches;
 use lightkiln::scene::{Environment, Light, LightGroups, LightShape, Rgb, Scene};
 use std::f32::consts::PI;
@@ -111,12 +112,61 @@ fn emission_that_rays_meet_belongs_to_its_group() {
     }
 }
 
+/// Stops nothing, but keeps what was found at first sight of probes, has everything gathered again once, and may go on from
+/// what another has kept.
+#[derive(Default)]
+struct Follower {
+    before: Option<Found>,
+    kept: Vec<u8>,
+    refined: bool,
+}
+
+impl Observer for Follower {
+    fn found_before(&mut self) -> Found {
+        self.before.take().unwrap_or_default()
+    }
+
+    fn found(&mut self, so_far: &FoundSoFar, _: &Counts, _: &mut dyn FnMut() -> Option<Draft>) {
+        if self.kept.is_empty() && !so_far.probes.is_empty() {
+            self.kept = postcard::to_io(so_far, Vec::new()).expect("memory takes everything");
+        }
+    }
+
+    fn judge(&mut self, light: &Lightmap, _: &[(u32, Probe)], _: &Counts) -> Result<Option<Refinement>, Cancelled> {
+        let tiles = vec![0..light.combined.len() as u32 / 2];
+        Ok((!std::mem::replace(&mut self.refined, true)).then_some(Refinement { tiles, error: 0.01 }))
+    }
+}
+
+#[test]
+fn groups_outlast_refinements_and_interruptions() {
+    let scene = mixed();
+    let (atlas, texels) = laid_out(&scene, 12.0);
+    let (accel, groups) = (Accel::build(&scene), LightGroups::named(&scene));
+    let bake = |follower: &mut Follower| {
+        let lit = bake::light(&accel, &atlas, &texels, &groups, 0.05, None, follower, &StageClock::start(), &Silent);
+        lit.expect("nobody cancels").lightmap
+    };
+    let mut first = Follower::default();
+    let light = bake(&mut first);
+    assert!(first.refined && !first.kept.is_empty());
+    for (t, &all) in light.combined.iter().enumerate() {
+        let sum: Rgb = light.groups.of(t).iter().sum();
+        assert!((sum - all).abs().max_element() <= 1e-5 * all.max_element(), "texel {t}: {sum} instead of {all}");
+    }
+    let before = Some(postcard::from_bytes(&first.kept).expect("it was written a moment ago"));
+    let again = bake(&mut Follower { before, ..Follower::default() });
+    assert_eq!(again.combined, light.combined);
+    assert_eq!(again.groups, light.groups);
+    assert_eq!(again.direct_groups, light.direct_groups);
+}
+
 /// The patches of a scene, with its light kept apart.
 fn patches(scene: &Scene, texels_per_metre: f32) -> Patches {
     let (atlas, texels) = laid_out(scene, texels_per_metre);
     let (accel, groups) = (Accel::build(scene), LightGroups::named(scene));
-    let lit = bake::light(&accel, &atlas, &texels, &groups, 0.02, &mut StageClock::start(), &Silent);
-    lit.expect("nobody cancels").2.expect("there are groups").patches
+    let lit = bake::light(&accel, &atlas, &texels, &groups, 0.02, None, &mut (), &StageClock::start(), &Silent);
+    lit.expect("nobody cancels").patches.expect("there are groups").patches
 }
 
 /// Bounced light changes by `want` if all reflectances change by `factor`: on average to 1 %, and at every patch, which

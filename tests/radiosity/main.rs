@@ -8,6 +8,7 @@ mod rooms;
 mod secondary;
 mod shadowless;
 mod sky;
+mod states;
 
 use glam::Vec3;
 use lightkiln::accel::Accel;
@@ -177,7 +178,7 @@ fn with_system(scene: &Scene, check: impl Fn(&Exchange, &solve::Survey)) {
     let covered = vec![false; b.texels.len()];
     let surfels = Surfels::new(scene, &b.atlas, &b.texels, &covered, &covered, &covered);
     let surfaces = surfels.surfaces(&b.atlas);
-    let tree = hierarchy::build(&surfels, &surfaces, &vec![false; surfaces.len()]);
+    let tree = hierarchy::build(&surfels, &surfaces, &vec![false; surfaces.len()], 4);
     let sky = |_: Vec3, _: Vec3, direction: Vec3, _: f32| scene.environment.radiance(direction);
     let survey = solve::survey(&accel, &surfels, &tree, sky, 64, &Silent).expect("nobody cancels");
     check(&Exchange { hierarchy: &tree, surfels: &surfels, accel: &accel }, &survey);

@@ -135,10 +135,10 @@ pub(crate) fn baked(scene: &Scene, texels_per_metre: f32, error: f32) -> Baked {
 /// The same with light kept apart.
 pub(crate) fn baked_with(scene: &Scene, groups: &LightGroups, texels_per_metre: f32, error: f32) -> Baked {
     let (atlas, texels) = laid_out(scene, texels_per_metre);
-    let mut clock = StageClock::start();
-    let (light, ..) =
-        bake::light(&Accel::build(scene), &atlas, &texels, groups, error, &mut clock, &Silent).expect("nobody cancels");
-    Baked { atlas, texels, light }
+    let (accel, clock) = (Accel::build(scene), StageClock::start());
+    let lit =
+        bake::light(&accel, &atlas, &texels, groups, error, None, &mut (), &clock, &Silent).expect("nobody cancels");
+    Baked { atlas, texels, light: lit.lightmap }
 }
 
 impl Baked {
