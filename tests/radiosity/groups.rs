@@ -133,8 +133,9 @@ impl Observer for Follower {
     }
 
     fn judge(&mut self, light: &Lightmap, _: &[(u32, Probe)], _: &Counts) -> Result<Option<Refinement>, Cancelled> {
-        let tiles = vec![0..light.combined.len() as u32 / 2];
-        Ok((!std::mem::replace(&mut self.refined, true)).then_some(Refinement { tiles, error: 0.01 }))
+        let half = 0..light.combined.len() as u32 / 2;
+        let is_first = !std::mem::replace(&mut self.refined, true);
+        Ok(is_first.then(|| Refinement { tiles: vec![half], error: 0.01 }))
     }
 }
 
