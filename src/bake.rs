@@ -1,15 +1,18 @@
 //! The order of the stages: scene file and settings → results on the disk.
 
+mod groups;
 mod keeper;
 mod light;
 mod observer;
 mod preview;
 mod refine;
+mod relight;
 mod results;
 
-pub use light::light;
+pub use light::{Lit, TexelPatches, light};
 pub use observer::{Counts, Draft, Found, FoundSoFar, Observer, Refinement, Solution};
 pub use preview::{Preview, preview};
+pub use relight::{RelightSettings, relight};
 
 use crate::accel::Accel;
 use crate::atlas::{self, AtlasError};
@@ -22,10 +25,13 @@ use crate::output::identity::scene_hash;
 pub use crate::output::report::Report;
 use crate::output::report::StageClock;
 use crate::progress::{Cancelled, Progress, Stage};
+use crate::relight::{ChangeError, SolutionError};
+use crate::scene::{LightGroups, Rgb};
 use crate::warning::Warning;
+use groups::GroupedLight;
 use keeper::{Keeper, Pace};
 use results::{Findings, Results, Subject};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use thiserror::Error;
 
 /// Why a bake did not come to its end.
@@ -46,6 +52,23 @@ pub enum BakeError {
     /// Results cannot be written.
     #[error(transparent)]
     Output(#[from] OutputError),
+    /// What should be relit was baked without what that needs.
+    #[error("there is no `{}`; bake the scene with --groups to relight it", .0.display())]
+    NoSolution(PathBuf),
+    /// What a bake kept cannot be used.
+    #[error("cannot use `{}`", .path.display())]
+    Solution {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with it.
+        source: SolutionError,
+    },
+    /// A change that cannot be made.
+    #[error(transparent)]
+    Change(#[from] ChangeError),
+    /// The scene to refine has changed since it was baked.
+    #[error("`{}` is not the scene that was baked; bake it again, or name the right file with --scene", .0.display())]
+    OtherScene(PathBuf),
     /// The lit copy of the scene cannot be made.
     #[error("cannot write the lit scene")]
     Glb(#[from] GlbError),
@@ -69,7 +92,21 @@ impl From<AtlasError> for BakeError {
     }
 }
 
+impl From<SolutionError> for BakeError {
+    fn from(source: SolutionError) -> Self {
+        Self::Solution { path: PathBuf::new(), source }
+    }
+}
+
 impl BakeError {
+    /// The same with the file that it is about.
+    fn at(self, file: &Path) -> Self {
+        match self {
+            Self::Solution { source, .. } => Self::Solution { path: file.to_path_buf(), source },
+            other => other,
+        }
+    }
+
     /// Stable, machine-readable kind.
     pub fn code(&self) -> &'static str {
         match self {
@@ -78,6 +115,9 @@ impl BakeError {
             Self::Atlas(_) => "atlas",
             Self::Checkpoint(_) => "checkpoint",
             Self::Output(e) => e.code(),
+            Self::NoSolution(_) | Self::Solution { .. } => "solution",
+            Self::Change(_) => "change",
+            Self::OtherScene(_) => "other_scene",
             Self::Glb(_) => "lit_scene",
         }
     }
@@ -89,7 +129,7 @@ pub fn bake(path: &Path, settings: &Settings, progress: &dyn Progress) -> Result
     let folder = &settings.output.folder;
     let mut results = Results::open(path, settings)?;
 
-    let (Imported { scene, document, mut warnings }, hash) = clock.measure(Stage::Import, || {
+    let (Imported { mut scene, document, mut warnings }, hash) = clock.measure(Stage::Import, || {
         let imported = import::load(path, &settings.import, progress)?;
         let hash = scene_hash(&imported.document);
         Ok::<_, ImportError>((imported, hash))
@@ -98,7 +138,14 @@ pub fn bake(path: &Path, settings: &Settings, progress: &dyn Progress) -> Result
         let message = "an interrupted bake has left it, and it is not used: --resume goes on from it";
         warnings.push(Warning::new("checkpoint_unused", "checkpoint.lk", message));
     }
+    let groups = if settings.output.groups { LightGroups::named(&scene) } else { LightGroups::none(&scene) };
+    warnings.extend(groups::too_many(&groups));
     warnings.iter().for_each(|w| progress.warn(w));
+    for material in &mut scene.materials {
+        if let Some(&factor) = settings.reflectance.get(&material.name) {
+            material.base_color *= Rgb::from_array(factor);
+        }
+    }
     let key = Key::new(&hash, settings.of_light());
     let before: Option<(u32, Found)> = if settings.resume { checkpoint::read(folder, &key)? } else { None };
 
@@ -134,15 +181,15 @@ pub fn bake(path: &Path, settings: &Settings, progress: &dyn Progress) -> Result
         refinements: Vec::new(),
         checkpoints: settings.checkpoint.map(|every| (Pace::every(every), key)),
     };
-    let (lightmap, state, counts) = if settings.preview {
+    let Lit { lightmap, state, counts, patches } = if settings.preview {
         let Preview { lightmap, state, counts, .. } = preview(&accel, &atlas, &texels, &clock, progress)?;
         // It is judged, if that is asked for, but stays what it is.
         keeper.judge(&lightmap, &[], &counts)?;
         keeper.refinements.clear();
-        (lightmap, state, counts)
+        Lit { lightmap, state, counts, patches: None }
     } else {
         let first = keeper.first_look()?;
-        light(&accel, &atlas, &texels, settings.error, first.as_ref(), &mut keeper, &clock, progress)?
+        light(&accel, &atlas, &texels, &groups, settings.error, first.as_ref(), &mut keeper, &clock, progress)?
     };
     let (irradiance, audit) = match keeper.judged.take() {
         Some(judged) => judged,
@@ -150,7 +197,13 @@ pub fn bake(path: &Path, settings: &Settings, progress: &dyn Progress) -> Result
     };
     let refinements = keeper.refinements;
     let findings = Findings { state, counts, audit, refinements, warnings };
-    let report = results.publish(&subject, &irradiance, findings, &clock, progress)?;
+    let grouped = patches.as_ref().map(|patches| GroupedLight {
+        subject: &subject,
+        groups: &groups,
+        lightmap: &lightmap,
+        patches,
+    });
+    let report = results.publish(&subject, &irradiance, findings, grouped.as_ref(), &clock, progress)?;
     if settings.checkpoint.is_some() {
         checkpoint::remove(folder);
     }

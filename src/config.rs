@@ -5,6 +5,7 @@ use crate::audit::Effort;
 use crate::import::ImportSettings;
 use crate::output::OutputSettings;
 use crate::post::PostSettings;
+use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::ops::RangeInclusive;
@@ -14,7 +15,7 @@ use std::time::Duration;
 pub const ERROR_RANGE: RangeInclusive<f32> = 0.001..=0.5;
 
 /// Settings of a bake.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Settings {
     /// How the scene file is read.
     pub import: ImportSettings,
@@ -24,6 +25,8 @@ pub struct Settings {
     pub post: PostSettings,
     /// Where results go and in which form.
     pub output: OutputSettings,
+    /// By what the reflectance of materials is multiplied, by name.
+    pub reflectance: BTreeMap<String, [f32; 3]>,
     /// Relative error to aim for, within [`ERROR_RANGE`].
     pub error: f32,
     /// True: a rough lightmap within seconds; the error is what it comes to.
@@ -45,6 +48,7 @@ impl Default for Settings {
             atlas: AtlasSettings::default(),
             post: PostSettings::default(),
             output: OutputSettings::default(),
+            reflectance: BTreeMap::new(),
             error: 0.02,
             preview: false,
             progressive: false,
@@ -69,6 +73,7 @@ impl Settings {
             ("texels-per-metre", json!(atlas.texels_per_metre)),
             ("resolution", json!(atlas.resolution)),
             ("padding", json!(atlas.padding)),
+            ("groups", json!(output.groups)),
             ("quantity", json!(output.quantity)),
             ("precision", json!(output.precision)),
         ];
@@ -80,6 +85,7 @@ impl Settings {
         let mut facts = self.facts();
         facts.retain(|name, _| !["audit", "quantity", "precision"].contains(&name.as_str()));
         facts.insert("light-units".into(), json!(self.import.light_units.map(|units| format!("{units:?}"))));
+        facts.insert("reflectance".into(), json!(self.reflectance));
         facts.insert("scene".into(), json!(self.import.scene));
         facts
     }

@@ -3,7 +3,7 @@
 //! The data's way: [`import`] resolves a glTF file to an immutable [`scene`]; [`atlas`] unwraps and rasterises it to
 //! texels; [`accel`] answers ray queries; [`hierarchy`], [`transport`] and [`solve`] find the coarse radiosity
 //! solution; [`gather`] turns it into irradiance per texel; [`post`] mends seams and dilates; [`audit`] tells how far the
-//! result is from the truth; [`output`] writes.
+//! result is from the truth; [`output`] writes. [`relight`] changes the light of what was baked.
 //! Only [`bake`] knows that order.
 
 pub mod accel;
@@ -19,6 +19,7 @@ pub mod math;
 pub mod output;
 pub mod post;
 pub mod progress;
+pub mod relight;
 pub mod scene;
 pub mod solve;
 pub mod transport;

@@ -5,7 +5,7 @@ mod cli;
 use clap::Parser;
 use cli::args::{Arguments, Command};
 use cli::console::Console;
-use cli::{bake, failure, info, interrupt};
+use cli::{bake, failure, info, interrupt, relight};
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
@@ -17,6 +17,7 @@ fn main() -> ExitCode {
     let cancelled = interrupt::listen(console);
     let done = cli::start_threads(command.threads()).and_then(|()| match &command {
         Command::Bake(options) => bake::run(options, console, cancelled),
+        Command::Relight(options) => relight::run(options, console, cancelled),
         Command::Info(options) => info::run(options, console, cancelled),
     });
     match done {

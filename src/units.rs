@@ -1,13 +1,13 @@
 //! Conversion to the SI radiometric units that everything inside uses, and what a lightmap may hold.
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use std::f32::consts::PI;
 
 /// Luminous efficacy that glTF, Blender and UsdLux agree on, lm/W.
 pub const LUMENS_PER_WATT: f32 = 683.0;
 
 /// What a lightmap texel means.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Quantity {
     /// Irradiance E: all light that arrives.
@@ -47,7 +47,7 @@ impl Quantity {
 }
 
 /// What the strengths of lamps and emissive materials in a file mean.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum LightUnits {
     /// Candela, lux and nits, as core glTF defines them.
     Photometric,

@@ -4,10 +4,11 @@ use super::{Atlas, keep, place};
 use crate::progress::{Cancelled, Progress};
 use crate::scene::Scene;
 use crate::warning::Warning;
+use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 /// Where lightmap coordinates come from.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub enum UvMode {
     /// Charts are made and packed.
     #[default]
@@ -19,7 +20,7 @@ pub enum UvMode {
 }
 
 /// The tool that makes charts.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub enum Unwrapper {
     /// xatlas: few charts with little distortion.
     #[default]
@@ -29,7 +30,7 @@ pub enum Unwrapper {
 }
 
 /// How the atlas is laid out.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct AtlasSettings {
     /// Where lightmap coordinates come from.
     pub uv: UvMode,

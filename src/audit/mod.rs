@@ -29,7 +29,7 @@ pub use verdict::{Verdict, audit};
 
 use crate::atlas::Texels;
 use crate::scene::Rgb;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::ops::Range;
 
@@ -45,7 +45,7 @@ pub struct AuditSettings {
 }
 
 /// How much an audit may cost.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Effort {
     /// No audit.

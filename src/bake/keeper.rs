@@ -130,7 +130,7 @@ impl Keeper<'_> {
         let irradiance = post::finish(atlas, texels, scene, &lightmap.combined, &settings.post, &quiet)?;
         let (counts, warnings) = (counts.clone(), self.warnings.clone());
         let findings = Findings { state, counts, audit: None, refinements: Vec::new(), warnings };
-        let report = self.results.publish(self.subject, &irradiance, findings, self.clock, &quiet)?;
+        let report = self.results.publish(self.subject, &irradiance, findings, None, self.clock, &quiet)?;
         let files: Vec<_> = report.outputs.iter().map(|name| settings.output.folder.join(name)).collect();
         self.progress.improved(state.reached.name(), state.predicted_error, &files);
         Ok(())

@@ -5,14 +5,15 @@ use super::observer::{Counts, FoundSoFar, Observer, Refinement, Solution};
 use crate::accel::Accel;
 use crate::atlas::{Atlas, Texels};
 use crate::gather::{
-    self, CellSettings, DirectSettings, Emission, Footprint, GatherStart, Gathering, Lamp, Lamps, Lightmap, LitScene,
-    Portals, ProbeSettings, Smooth, Source,
+    self, CellSettings, Direct, DirectSettings, Emission, Footprint, GatherStart, Gathering, Grouped, Lamp, Lamps,
+    Lightmap, LitScene, Portals, ProbeSettings, Smooth, Source,
 };
 use crate::hierarchy::{self, Hierarchy, Side, Surface, Surfels};
 use crate::output::report::StageClock;
 use crate::output::{Milestone, State};
 use crate::progress::{Cancelled, Progress, Stage};
-use crate::scene::{Rgb, Scene};
+use crate::relight::{LitElements, Patches};
+use crate::scene::{LightGroups, Rgb, Scene};
 use crate::solve::{self, Elements, SolveSettings};
 use crate::transport::Exchange;
 use glam::Vec3;
@@ -34,31 +35,54 @@ const FLOOR: f32 = 0.25;
 /// Most rays that one probe casts for an error of 2 %.
 const MOST_RAYS: f32 = 1800.0;
 
-/// Irradiance of every texel to within about `error` (relative RMSE). `first` is what is known of all but direct light
-/// before it is solved, for drafts.
+/// Patches that tell how light changes with reflectances.
+pub struct TexelPatches {
+    /// The patches.
+    pub patches: Patches,
+    /// Patch of every texel, if it has one.
+    pub of_texel: Vec<Option<u32>>,
+}
+
+/// What the lighting stages end with.
+pub struct Lit {
+    /// The lightmap.
+    pub lightmap: Lightmap,
+    /// What it is, and the error to expect.
+    pub state: State,
+    /// What it took.
+    pub counts: Counts,
+    /// What relighting needs, if light was kept apart.
+    pub patches: Option<TexelPatches>,
+}
+
+/// Irradiance of every texel to within about `error` (relative RMSE), kept apart by `groups`. `first` is what is known of
+/// all but direct light before it is solved, for drafts.
 pub fn light(
     accel: &Accel,
     atlas: &Atlas,
     texels: &Texels,
+    groups: &LightGroups,
     error: f32,
     first: Option<&Smooth>,
     observer: &mut dyn Observer,
     clock: &StageClock,
     progress: &dyn Progress,
-) -> Result<(Lightmap, State, Counts), Cancelled> {
+) -> Result<Lit, Cancelled> {
     let mut counts = Counts::default();
     let scene = accel.scene();
     let before = observer.found_before();
     let footprint = clock.measure(Stage::Texels, || Footprint::new(accel, atlas, texels, progress))?;
     let usable: Vec<bool> = (0..texels.len() as u32).map(|t| !footprint.is_hidden(t)).collect();
 
-    let (emission, lamps) = lamps(scene);
-    let portals = clock.measure(Stage::Direct, || Portals::find(accel, &footprint, texels.len() as u32, progress))?;
+    let (emission, lamps) = lamps(scene, groups);
+    let sky = groups.of_environment();
+    let portals =
+        clock.measure(Stage::Direct, || Portals::find(accel, &footprint, texels.len() as u32, sky, progress))?;
     let lamps = Lamps::new(lamps, portals, accel);
     let direct_settings = DirectSettings::for_error(error);
     let direct = clock.measure(Stage::Direct, || match before.direct {
         Some(direct) => Ok(direct),
-        None => gather::texel_direct(&lamps, atlas, texels, &footprint, &direct_settings, progress),
+        None => gather::texel_direct(&lamps, groups.len(), atlas, texels, &footprint, &direct_settings, progress),
     })?;
     counts.rays.insert("shadow".into(), direct.rays);
     // What is drafted: direct light as it is by now, and the rest with its squared error.
@@ -66,7 +90,8 @@ pub fn light(
         let combined: Vec<Rgb> = direct.irradiance.iter().zip(rest).map(|(&d, &i)| d + i).collect();
         let squares = squares + f64::from(direct.noise).powi(2) * texels.len() as f64;
         let state = State { reached, predicted_error: relative(squares, &combined) };
-        (Lightmap { direct: direct.irradiance.clone(), combined, usable: usable.clone() }, state)
+        let (direct, usable) = (direct.irradiance.clone(), usable.clone());
+        (Lightmap { direct, combined, usable, ..Lightmap::default() }, state)
     };
     let all = |change: f32| f64::from(change).powi(2) * texels.len() as f64;
     observer.found(&FoundSoFar { direct: Some(&direct), solution: None, probes: &[] }, &counts, &mut || {
@@ -75,11 +100,11 @@ pub fn light(
     });
 
     let surfels = Surfels::new(scene, atlas, texels, footprint.covered(), footprint.parted(), footprint.crossed());
-    let (tree, backs, elements) = clock.measure(Stage::Solve, || {
+    let (tree, backs, elements, direct_groups) = clock.measure(Stage::Solve, || {
         let known = before.solution.as_ref().map(|s| s.backs.as_slice());
         let (tree, backs) = hierarchy(accel, atlas, &surfels, (ELEMENT_SIDE, BACK_RAYS), known, progress)?;
-        let elements = elements(scene, atlas, &surfels, &tree, &emission, &lamps, &direct.irradiance, ELEMENT_RAYS);
-        Ok((tree, backs, elements))
+        let (elements, groups) = elements(scene, atlas, &surfels, &tree, &emission, &lamps, &direct, ELEMENT_RAYS);
+        Ok((tree, backs, elements, groups))
     })?;
     let shut = gather::shut_texels(&surfels, &tree);
     let lit = LitScene {
@@ -92,6 +117,8 @@ pub fn light(
         lamps: &lamps,
         direct: &direct,
         element_direct: &elements.direct,
+        element_direct_groups: &direct_groups,
+        groups,
         shut: &shut,
     };
     let solution = match before.solution {
@@ -101,6 +128,13 @@ pub fn light(
     counts.solver = solution.counts.solver;
     counts.rays.extend(solution.counts.rays.clone());
     let bounce = &solution.bounce;
+    let patches = (!groups.is_empty()).then(|| {
+        let lit =
+            LitElements { scene, atlas, surfels: &surfels, tree: &tree, shut: &shut, bounce, direct: &direct_groups };
+        let (patches, of_element) = clock.measure(Stage::Solve, || Patches::new(&lit));
+        let patch = |t| tree.element_of(t, Side::Front).map(|e| of_element[e as usize]);
+        TexelPatches { patches, of_texel: (0..texels.len() as u32).map(patch).collect() }
+    });
     let rest = match observer.wants_drafts() {
         true => Some(gather::smooth(atlas, texels, &tree, &bounce.irradiance, ELEMENT_SIDE, progress)?),
         false => None,
@@ -111,7 +145,7 @@ pub fn light(
         Some(draft(Milestone::Solution, &rest.irradiance, all(rest.change)).into())
     });
 
-    let source = Source::new(lit, &bounce.irradiance, Some(&bounce.guide));
+    let source = Source::new(lit, &bounce.irradiance, &bounce.groups, Some(&bounce.guide));
     let floor = FLOOR * mean(texels, &direct.irradiance, &tree, &bounce.irradiance);
     let start = GatherStart { probes: before.probes, ..GatherStart::default() };
     let mut indirect = clock.measure(Stage::Gather, || {
@@ -129,6 +163,7 @@ pub fn light(
     counts.solver.probes = indirect.probes.len() as u64;
     counts.rays.insert("gather".into(), indirect.rays);
     let (mut lightmap, mut state) = draft(Milestone::Final, &indirect.irradiance, indirect.squared_error);
+    lightmap.direct_groups.clone_from(&direct.groups);
 
     // What an audit finds wanting is gathered again, more finely.
     let probes = std::mem::take(&mut indirect.probes);
@@ -136,13 +171,14 @@ pub fn light(
         let mut wanted = vec![false; texels.len()];
         tiles.into_iter().for_each(|tile| wanted[tile.start as usize..tile.end as usize].fill(true));
         let settings = DirectSettings::for_error(error);
-        let own = &mut lightmap.direct;
+        let (own, own_groups) = (&mut lightmap.direct, &mut lightmap.direct_groups);
         let cast = clock.measure(Stage::Direct, || {
-            gather::closer_direct(&lamps, texels, &footprint, &settings, &wanted, own, progress)
+            gather::closer_direct(&lamps, texels, &footprint, &settings, &wanted, own, own_groups, progress)
         })?;
         let kept = 1.0 - wanted.iter().filter(|&&w| w).count() as f64 / texels.len() as f64;
         let squares = kept * indirect.squared_error;
-        let start = GatherStart { irradiance: indirect.irradiance, wanted, probes: Vec::new() };
+        let (irradiance, groups) = (indirect.irradiance, indirect.groups);
+        let start = GatherStart { irradiance, groups, wanted, probes: Vec::new() };
         indirect = clock.measure(Stage::Gather, || {
             let settings = cell_settings(error, floor);
             gather::indirect(&source, atlas, texels, &footprint, &settings, start, &mut |_| (), progress)
@@ -153,7 +189,9 @@ pub fn light(
         state = draft(Milestone::Final, &indirect.irradiance, indirect.squared_error).1;
         lightmap.combined = lightmap.direct.iter().zip(&indirect.irradiance).map(|(&d, &i)| d + i).collect();
     }
-    Ok((lightmap, state, counts))
+    lightmap.groups = indirect.groups;
+    lightmap.groups.add_all(&lightmap.direct_groups);
+    Ok(Lit { lightmap, state, counts, patches })
 }
 
 /// A root mean square as a share of the mean of `irradiance`, from the sum of squares of all texels.
@@ -177,8 +215,19 @@ fn solution(
     };
     let survey = solve::survey(accel, surfels, tree, sky, SURVEY_RAYS, progress)?;
     let exchange = Exchange { hierarchy: tree, surfels, accel };
-    let linked = solve::solve(&exchange, elements, &survey, &SolveSettings::for_error(error), progress)?;
-    let bounce = gather::bounce(*lit, &elements.reflectance, linked.irradiance, BOUNCE_RAYS, progress)?;
+    let settings = SolveSettings::for_error(error);
+    let linked = solve::solve(&exchange, elements, &survey, &settings, progress)?;
+    let of_group = |g: usize| {
+        let is_own = |instance, primitive| usize::from(lit.groups.of_emitter(instance, primitive)) == g;
+        let emittance = emittance(accel.scene(), lit.atlas, surfels, tree, lit.emission, is_own);
+        let (reflectance, direct) = (elements.reflectance.clone(), lit.element_direct_groups.group(g));
+        let dark = vec![Rgb::ZERO; direct.len()];
+        let sky = if g == usize::from(lit.groups.of_environment()) { &survey.sky } else { &dark };
+        linked.of_other_light(tree, &Elements { reflectance, emittance, direct }, sky, &settings, progress)
+    };
+    let by_group: Vec<Vec<Rgb>> = (0..lit.groups.len()).map(of_group).collect::<Result<_, Cancelled>>()?;
+    let guess = (linked.irradiance, Grouped::from_groups(&by_group));
+    let bounce = gather::bounce(*lit, &elements.reflectance, guess, BOUNCE_RAYS, progress)?;
     let mut counts = Counts::default();
     counts.solver.nodes = tree.nodes.len() as u64;
     counts.solver.elements = tree.elements.len() as u64;
@@ -200,10 +249,10 @@ fn cell_settings(error: f32, floor: f32) -> CellSettings {
 
 /// Which emission rays meet, and all lamps: those of the scene, emitters that are sent like lamps, and bright parts of
 /// the sky.
-pub(super) fn lamps(scene: &Scene) -> (Emission, Vec<Lamp>) {
-    let (emission, mut lamps) = gather::classify(scene);
-    lamps.extend(scene.lights.iter().map(Lamp::new));
-    lamps.extend(Lamp::of_environment(&scene.environment));
+pub(super) fn lamps(scene: &Scene, groups: &LightGroups) -> (Emission, Vec<Lamp>) {
+    let (emission, mut lamps) = gather::classify(scene, groups);
+    lamps.extend(scene.lights.iter().enumerate().map(|(i, light)| Lamp::new(light, groups.of_light(i))));
+    lamps.extend(Lamp::of_environment(&scene.environment, groups.of_environment()));
     (emission, lamps)
 }
 
@@ -227,7 +276,8 @@ pub(super) fn hierarchy(
     Ok((if backs.contains(&true) { build(&backs) } else { fronts }, backs))
 }
 
-/// What every element reflects and sends before any exchange. Elements without texels cast `rays` at every lamp.
+/// What every element reflects and sends before any exchange, and what lamps of every group send to it. Elements without
+/// texels cast `rays` at every lamp.
 pub(super) fn elements(
     scene: &Scene,
     atlas: &Atlas,
@@ -235,36 +285,47 @@ pub(super) fn elements(
     tree: &Hierarchy,
     emission: &Emission,
     lamps: &Lamps,
-    direct: &[Rgb],
+    direct: &Direct,
     rays: u32,
-) -> Elements {
-    let mean = |f: &dyn Fn(u32) -> Rgb| -> Vec<Rgb> {
-        let of = |range: std::ops::Range<u32>| {
-            let (mut sum, mut area) = (Rgb::ZERO, 0.0);
-            for s in range {
-                let a = surfels.area(s);
-                sum += f(s) * a;
-                area += a;
-            }
-            sum / area.max(f32::MIN_POSITIVE)
-        };
-        tree.elements.iter().map(|e| of(e.surfels.clone())).collect()
-    };
+) -> (Elements, Grouped) {
+    let emittance = emittance(scene, atlas, surfels, tree, emission, |_, _| true);
+    let (direct, groups) = gather::element_direct(lamps, surfels, &tree.elements, direct, rays);
+    (Elements { reflectance: means(surfels, tree, |s| surfels.reflectance(s)), emittance, direct }, groups)
+}
+
+/// What every element emits and rays meet, W/m², of those instances and primitives that `counts` takes.
+fn emittance(
+    scene: &Scene,
+    atlas: &Atlas,
+    surfels: &Surfels,
+    tree: &Hierarchy,
+    emission: &Emission,
+    counts: impl Fn(usize, usize) -> bool,
+) -> Vec<Rgb> {
+    if !emission.any_seen() {
+        return vec![Rgb::ZERO; tree.elements.len()];
+    }
     let seen = |s: u32| {
         let (instance, triangle) = surfels.triangle(atlas, s);
-        if emission.is_seen(scene, instance, triangle) { surfels.emission(s) } else { Rgb::ZERO }
+        let primitive = scene.meshes[scene.instances[instance].mesh].primitive_index(triangle);
+        let is_seen = emission.is_seen(scene, instance, triangle) && counts(instance, primitive);
+        if is_seen { surfels.emission(s) } else { Rgb::ZERO }
     };
-    let emittance = if emission.any_seen() {
-        let radiance = mean(&seen);
-        radiance.into_iter().map(|l| l * PI).collect()
-    } else {
-        vec![Rgb::ZERO; tree.elements.len()]
+    means(surfels, tree, seen).into_iter().map(|l| l * PI).collect()
+}
+
+/// Area-weighted mean over the surfels of every element.
+fn means(surfels: &Surfels, tree: &Hierarchy, of: impl Fn(u32) -> Rgb) -> Vec<Rgb> {
+    let mean = |range: std::ops::Range<u32>| {
+        let (mut sum, mut area) = (Rgb::ZERO, 0.0);
+        for s in range {
+            let a = surfels.area(s);
+            sum += of(s) * a;
+            area += a;
+        }
+        sum / area.max(f32::MIN_POSITIVE)
     };
-    Elements {
-        reflectance: mean(&|s| surfels.reflectance(s)),
-        emittance,
-        direct: gather::element_direct(lamps, surfels, &tree.elements, direct, rays),
-    }
+    tree.elements.iter().map(|e| mean(e.surfels.clone())).collect()
 }
 
 /// Area-weighted mean irradiance over all texels, W/m², mean of channels.

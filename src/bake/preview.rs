@@ -5,12 +5,12 @@ use super::light::{elements, hierarchy, lamps, relative};
 use super::observer::Counts;
 use crate::accel::Accel;
 use crate::atlas::{Atlas, Texels};
-use crate::gather::{self, DirectSettings, Footprint, Lamps, Lightmap, LitScene, Portals, Smooth};
+use crate::gather::{self, DirectSettings, Footprint, Grouped, Lamps, Lightmap, LitScene, Portals, Smooth};
 use crate::hierarchy::Surfels;
 use crate::output::report::StageClock;
 use crate::output::{Milestone, State};
 use crate::progress::{Cancelled, Progress, Stage};
-use crate::scene::Rgb;
+use crate::scene::{LightGroups, Rgb};
 
 /// Texels along a side of an element.
 const ELEMENT_SIDE: u32 = 8;
@@ -48,11 +48,13 @@ pub fn preview(
     let mut counts = Counts::default();
     let scene = accel.scene();
     let footprint = clock.measure(Stage::Texels, || Footprint::rough(accel, atlas, texels, progress))?;
-    let (emission, lamps) = lamps(scene);
+    let groups = LightGroups::none(scene);
+    let (emission, lamps) = lamps(scene, &groups);
     let (lamps, mut direct) = clock.measure(Stage::Direct, || {
-        let portals = Portals::find(accel, &footprint, texels.len() as u32, progress)?;
+        let portals = Portals::find(accel, &footprint, texels.len() as u32, groups.of_environment(), progress)?;
         let lamps = Lamps::new(lamps, portals, accel);
-        let direct = gather::texel_direct(&lamps, atlas, texels, &footprint, &DirectSettings::rough(), progress)?;
+        let direct =
+            gather::texel_direct(&lamps, groups.len(), atlas, texels, &footprint, &DirectSettings::rough(), progress)?;
         Ok((lamps, direct))
     })?;
     counts.rays.insert("shadow".into(), direct.rays);
@@ -64,7 +66,8 @@ pub fn preview(
         let sky = gather::smooth(atlas, texels, &tree, &sky, ELEMENT_SIDE, progress)?;
         direct.irradiance.iter_mut().zip(&sky.irradiance).for_each(|(e, &sky)| *e += sky);
         direct.noise = direct.noise.hypot(sky.change);
-        let elements = elements(scene, atlas, &surfels, &tree, &emission, &lamps, &direct.irradiance, ELEMENT_RAYS);
+        let (elements, direct_groups) =
+            elements(scene, atlas, &surfels, &tree, &emission, &lamps, &direct, ELEMENT_RAYS);
         let shut = gather::shut_texels(&surfels, &tree);
         let lit = LitScene {
             accel,
@@ -76,9 +79,11 @@ pub fn preview(
             lamps: &lamps,
             direct: &direct,
             element_direct: &elements.direct,
+            element_direct_groups: &direct_groups,
+            groups: &groups,
             shut: &shut,
         };
-        let guess = vec![Rgb::ZERO; tree.elements.len()];
+        let guess = (vec![Rgb::ZERO; tree.elements.len()], Grouped::default());
         let bounce = gather::bounce(lit, &elements.reflectance, guess, BOUNCE_RAYS, progress)?;
         counts.solver.nodes = tree.nodes.len() as u64;
         counts.solver.elements = tree.elements.len() as u64;
@@ -90,5 +95,6 @@ pub fn preview(
     let squares = f64::from(UNSEEN * direct.noise.hypot(rest.change)).powi(2) * texels.len() as f64;
     let state = State { reached: Milestone::Preview, predicted_error: relative(squares, &combined) };
     let usable = (0..texels.len() as u32).map(|t| !footprint.is_hidden(t)).collect();
-    Ok(Preview { lightmap: Lightmap { direct: direct.irradiance, combined, usable }, rest, state, counts })
+    let lightmap = Lightmap { direct: direct.irradiance, combined, usable, ..Lightmap::default() };
+    Ok(Preview { lightmap, rest, state, counts })
 }

@@ -129,7 +129,7 @@ mod tests {
     #[test]
     fn texels_with_probes_cost_more() {
         let probe = Probe { rays: 50, ..Probe::default() };
-        let costs = Costs::new(10, &[(3, probe), (9, probe)], 200);
+        let costs = Costs::new(10, &[(3, probe.clone()), (9, probe)], 200);
         assert_eq!((costs.of(&(0..3)), costs.of(&(3..4)), costs.of(&(0..10))), (30.0, 60.0, 200.0));
     }
 

@@ -1,6 +1,7 @@
 //! From pages of irradiance to the files of a bake: EXR pages, lit scene, report.
 
 use super::BakeError;
+use super::groups::GroupedLight;
 use super::observer::Counts;
 use crate::atlas::{Atlas, PageImage, Texels};
 use crate::audit::Audit;
@@ -19,8 +20,8 @@ use crate::warning::Warning;
 use std::ffi::OsStr;
 use std::path::Path;
 
-const REPORT_JSON: &str = "report.json";
-const REPORT_HTML: &str = "report.html";
+pub(super) const REPORT_JSON: &str = "report.json";
+pub(super) const REPORT_HTML: &str = "report.html";
 
 /// The files of one bake.
 pub(super) struct Results {
@@ -66,8 +67,7 @@ impl Results {
     /// Prepares the folder for a bake of `scene`: what would stop the results from being written, stops the bake now. The
     /// states that an interrupted bake has left may be replaced by one that goes on from its checkpoint.
     pub(super) fn open(scene: &Path, settings: &Settings) -> Result<Self, OutputError> {
-        let stem = scene.file_stem().unwrap_or(OsStr::new("scene")).to_string_lossy();
-        let lit_scene = format!("{stem}.lit.glb");
+        let lit_scene = lit_scene_name(scene);
         let names = [lit_scene.as_str(), REPORT_JSON, REPORT_HTML];
         let OutputSettings { folder, force, .. } = &settings.output;
         let goes_on = settings.resume && checkpoint::exists(folder);
@@ -78,13 +78,14 @@ impl Results {
         Ok(Self { outputs, lit_scene })
     }
 
-    /// Writes pages of `irradiance`, the lit scene and the report, and gives them their names in place of those that an
+    /// Writes pages of `irradiance`, the lit scene, what there is of groups and the report, and gives them their names in place of those that an
     /// earlier state of the bake has left.
     pub(super) fn publish(
         &mut self,
         subject: &Subject,
         irradiance: &[PageImage],
         mut findings: Findings,
+        groups: Option<&GroupedLight>,
         clock: &StageClock,
         progress: &dyn Progress,
     ) -> Result<Report, BakeError> {
@@ -92,9 +93,7 @@ impl Results {
         let pages = clock.measure(Stage::Output, || {
             self.write_pages(subject, irradiance, state, &mut findings.warnings, progress)
         })?;
-        let mut outputs: Vec<String> = (0..pages.len()).map(OutputSet::page_name).collect();
-        outputs.extend([self.lit_scene.clone(), REPORT_JSON.into(), REPORT_HTML.into()]);
-        let report = Report {
+        let mut report = Report {
             schema: SCHEMA,
             version: env!("CARGO_PKG_VERSION"),
             scene: scene_facts(subject),
@@ -105,12 +104,19 @@ impl Results {
             rays: findings.counts.rays,
             solver: findings.counts.solver,
             atlas: atlas_facts(subject.atlas, subject.texels, &pages),
+            groups: Vec::new(),
+            relight: None,
             audit: findings.audit,
             refinements: findings.refinements,
             memory_peak_bytes: process::peak_memory(),
             warnings: findings.warnings,
-            outputs,
+            outputs: Vec::new(),
         };
+        if let Some(groups) = groups {
+            clock.measure(Stage::Output, || groups.write(&mut self.outputs, &mut report, progress))?;
+        }
+        report.outputs = self.outputs.names();
+        report.outputs.extend([REPORT_JSON.into(), REPORT_HTML.into()]);
         self.outputs.write(REPORT_JSON, |sink| report.write_json(sink))?;
         self.outputs.write(REPORT_HTML, |sink| write_html(sink, &report, &pages))?;
         if progress.is_cancelled() {
@@ -141,7 +147,8 @@ impl Results {
                 progress.warn(&warning);
                 warnings.push(warning);
             }
-            let attributes = PageAttributes { quantity, uv_set: 1, page: i, scene_hash: subject.hash.into(), state };
+            let scene_hash = subject.hash.into();
+            let attributes = PageAttributes { quantity, uv_set: 1, page: i, scene_hash, state, group: None };
             self.outputs.write(&name, |sink| write_page(sink, page, precision, &attributes))?;
             links.push(PageLink { uri: name, quantity });
         }
@@ -150,6 +157,11 @@ impl Results {
         self.outputs.write(&self.lit_scene, |sink| sink.write_all(&glb))?;
         Ok(pages.into_owned())
     }
+}
+
+/// File name of the lit copy of `scene`.
+pub(super) fn lit_scene_name(scene: &Path) -> String {
+    format!("{}.lit.glb", scene.file_stem().unwrap_or(OsStr::new("scene")).to_string_lossy())
 }
 
 fn step(progress: &dyn Progress, done: f64) -> Result<(), Cancelled> {

@@ -3,9 +3,11 @@
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use lightkiln::atlas::{AtlasSettings, Unwrapper, UvMode};
 use lightkiln::audit::Effort;
+use lightkiln::bake::RelightSettings;
 use lightkiln::config::{ERROR_RANGE, Settings};
 use lightkiln::import::ImportSettings;
 use lightkiln::output::{OutputSettings, Precision};
+use lightkiln::relight::Assignment;
 use lightkiln::units::{LightUnits, Quantity};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -27,6 +29,8 @@ pub(crate) struct Arguments {
 pub(crate) enum Command {
     /// Bake lightmaps for a glTF scene.
     Bake(Box<BakeArguments>),
+    /// Change lamps, emission, sky and reflectances of a bake without casting a ray.
+    Relight(RelightArguments),
     /// Show what a glTF scene holds.
     Info(InfoArguments),
 }
@@ -73,6 +77,9 @@ pub(crate) struct BakeArguments {
     /// Empty texels between charts.
     #[arg(long, value_name = "N")]
     padding: Option<u32>,
+    /// Keep light groups apart: pages of each beside the whole, and what relighting needs.
+    #[arg(long, conflicts_with = "preview")]
+    groups: bool,
     /// What a texel means.
     #[arg(long, value_enum, default_value_t)]
     quantity: QuantityChoice,
@@ -89,6 +96,34 @@ pub(crate) struct BakeArguments {
     force: bool,
     #[command(flatten)]
     pub(crate) speech: SpeechArguments,
+}
+
+/// `lightkiln relight`.
+#[derive(Debug, Args)]
+pub(crate) struct RelightArguments {
+    /// Folder of a bake with --groups.
+    folder: PathBuf,
+    /// A change, relative to the bake: NAME=2 or NAME=r,g,b multiplies a lamp, a light group, `environment` or
+    /// `material:NAME`; NAME.color=r,g,b; material:NAME.reflectance=r,g,b.
+    #[arg(long = "set", value_name = "NAME=VALUE", required = true)]
+    changes: Vec<Assignment>,
+    /// Folder for the results [default: that of the bake, which takes --force].
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    /// Bake again if changed reflectances make the expected error exceed that of the bake.
+    #[arg(long)]
+    refine: bool,
+    /// Scene to bake again, if it is no longer where it was.
+    #[arg(long, value_name = "SCENE")]
+    scene: Option<PathBuf>,
+    /// Threads to use [default: one per processor].
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    threads: Option<u16>,
+    /// Replace results that exist.
+    #[arg(long)]
+    force: bool,
+    #[command(flatten)]
+    speech: SpeechArguments,
 }
 
 /// `lightkiln info`.
@@ -181,6 +216,7 @@ impl Command {
     pub(crate) fn speech(&self) -> SpeechArguments {
         match self {
             Command::Bake(bake) => bake.speech,
+            Command::Relight(relight) => relight.speech,
             Command::Info(info) => info.speech,
         }
     }
@@ -189,6 +225,7 @@ impl Command {
     pub(crate) fn threads(&self) -> Option<usize> {
         match self {
             Command::Bake(bake) => bake.threads.map(usize::from),
+            Command::Relight(relight) => relight.threads.map(usize::from),
             Command::Info(_) => None,
         }
     }
@@ -218,6 +255,7 @@ impl BakeArguments {
             output: OutputSettings {
                 folder: self.out.clone().unwrap_or_else(|| default_folder(&self.scene)),
                 force: self.force,
+                groups: self.groups,
                 quantity: match self.quantity {
                     QuantityChoice::Irradiance => Quantity::Irradiance,
                     QuantityChoice::Radiance => Quantity::Radiance,
@@ -237,6 +275,20 @@ impl BakeArguments {
                 Some(AuditChoice::Off) => Effort::Off,
             },
             ..defaults
+        }
+    }
+}
+
+impl RelightArguments {
+    /// What the options mean.
+    pub(crate) fn settings(&self) -> RelightSettings {
+        RelightSettings {
+            folder: self.folder.clone(),
+            changes: self.changes.clone(),
+            out: self.out.clone(),
+            force: self.force,
+            refine: self.refine,
+            scene: self.scene.clone(),
         }
     }
 }
@@ -300,7 +352,7 @@ mod tests {
         let typed = ["lightkiln", "bake", "rooms/hall.glb"].iter().chain(options);
         match Arguments::try_parse_from(typed).expect("valid options").command {
             Command::Bake(bake) => bake.settings(),
-            Command::Info(_) => panic!("bake was typed"),
+            Command::Relight(_) | Command::Info(_) => panic!("bake was typed"),
         }
     }
 

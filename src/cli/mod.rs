@@ -6,6 +6,7 @@ pub(crate) mod console;
 pub(crate) mod failure;
 pub(crate) mod info;
 pub(crate) mod interrupt;
+pub(crate) mod relight;
 mod watch;
 
 use failure::Failure;

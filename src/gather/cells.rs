@@ -14,6 +14,7 @@ pub use draft::Gathering;
 use super::footprint::Footprint;
 use super::probe::{Probe, ProbeSettings};
 use super::source::Source;
+use super::tally::{Grouped, share_out};
 use crate::atlas::{Atlas, NO_TEXEL, Texels};
 use crate::progress::{Cancelled, Counter, Progress, Stage};
 use crate::scene::Rgb;
@@ -111,6 +112,8 @@ const NO_PROBE: u32 = u32::MAX;
 pub struct Indirect {
     /// Per texel.
     pub irradiance: Vec<Rgb>,
+    /// The same by light group.
+    pub groups: Grouped,
     /// Sum of the squared errors to be expected over all texels of the cells, mean of channels, (W/m²)².
     pub squared_error: f64,
     /// Texels with their probes.
@@ -124,6 +127,8 @@ pub struct Indirect {
 pub struct Start {
     /// Irradiance of the texels that are left as they are, W/m².
     pub irradiance: Vec<Rgb>,
+    /// The same by light group.
+    pub groups: Grouped,
     /// Per texel: whether its cell is to be gathered; all are where it is empty.
     pub wanted: Vec<bool>,
     /// Probes of an earlier gather that came to no end.
@@ -142,7 +147,9 @@ pub fn indirect(
     progress: &dyn Progress,
 ) -> Result<Indirect, Cancelled> {
     let (probe_of, probes) = (vec![NO_PROBE; texels.len()], Vec::new());
-    let Start { mut irradiance, wanted, probes: kept } = start;
+    let Start { mut irradiance, groups, wanted, probes: kept } = start;
+    // A gather that starts from nothing starts with no groups either.
+    let mut groups = if irradiance.is_empty() { Grouped::new(source.groups(), texels.len()) } else { groups };
     irradiance.resize(texels.len(), Rgb::ZERO);
     let kept = kept.into_iter().collect();
     let mut state = State { source, atlas, texels, footprint, settings, probe_of, probes, kept };
@@ -177,24 +184,26 @@ pub fn indirect(
         for outcome in outcomes {
             match outcome {
                 Outcome::Split(children) => cells.extend(children),
-                Outcome::Done { values, squared_error: square } => {
+                Outcome::Done { values, groups: parts, squared_error: square } => {
                     squared_error += square;
-                    for (texel, value) in values {
+                    for (i, (texel, value)) in values.into_iter().enumerate() {
                         irradiance[texel as usize] = value;
+                        groups.of_mut(texel as usize).copy_from_slice(parts.of(i));
                     }
                 }
             }
         }
     }
     let rays = state.probes.iter().map(|(_, p)| p.rays as u64).sum();
-    Ok(Indirect { irradiance, squared_error, probes: state.probes, rays })
+    Ok(Indirect { irradiance, groups, squared_error, probes: state.probes, rays })
 }
 
 enum Outcome {
     Split(Vec<Cell>),
-    /// Texels with their irradiance, and the sum of their squared errors as far as these are known.
+    /// Texels with their irradiance, whole and by light group, and the sum of their squared errors as far as these are known.
     Done {
         values: Vec<(u32, Rgb)>,
+        groups: Grouped,
         squared_error: f64,
     },
 }
@@ -274,7 +283,7 @@ impl State<'_> {
                 .par_iter()
                 .map(|&t| {
                     let gathered = || Probe::gather(source, footprint, t, &settings.probe);
-                    let probe = kept.get(&t).copied().unwrap_or_else(gathered);
+                    let probe = kept.get(&t).cloned().unwrap_or_else(gathered);
                     if progress.is_cancelled() { Err(Cancelled) } else { Ok(probe) }
                 })
                 .collect::<Result<_, Cancelled>>()?;
@@ -313,8 +322,9 @@ impl State<'_> {
     fn settle(&self, cell: &Cell, corners: [u32; 4], verdict: Verdict) -> Outcome {
         if corners[0] == NO_TEXEL {
             // Nothing in reach can be lit.
-            let values = self.owned(cell).into_iter().map(|(t, _)| (t, Rgb::ZERO)).collect();
-            return Outcome::Done { values, squared_error: 0.0 };
+            let values: Vec<_> = self.owned(cell).into_iter().map(|(t, _)| (t, Rgb::ZERO)).collect();
+            let groups = Grouped::new(self.source.groups(), values.len());
+            return Outcome::Done { values, groups, squared_error: 0.0 };
         }
         let blend = Blend::new(self, &Rect { x: cell.x, y: cell.y, corners });
         let asked = match verdict {
@@ -333,7 +343,19 @@ impl State<'_> {
             };
             (t, e)
         };
-        let values: Vec<_> = self.owned(cell).into_iter().map(value).collect();
+        let owned = self.owned(cell);
+        let values: Vec<_> = owned.iter().copied().map(value).collect();
+        let mut groups = Grouped::new(self.source.groups(), owned.len());
+        if groups.groups() > 0 {
+            for (i, (&(t, p), &(_, whole))) in owned.iter().zip(&values).enumerate() {
+                let row = groups.of_mut(i);
+                match self.probe_of[t as usize] {
+                    own if own == NO_PROBE || asked == Some(t) => self.told_groups(corners, &blend, p, row),
+                    own => row.copy_from_slice(&self.probes[own as usize].1.groups),
+                }
+                share_out(whole, row);
+            }
+        }
         let noise = corners.iter().map(|&c| self.probe(c).error.powi(2)).sum::<f32>() / 4.0;
         let bend = match asked {
             Some(middle) => SAG * self.miss(corners, &blend, middle).powi(2),
@@ -341,7 +363,14 @@ impl State<'_> {
             None => 0.0,
         };
         let squared_error = f64::from(noise + bend) * values.len() as f64;
-        Outcome::Done { values, squared_error }
+        Outcome::Done { values, groups, squared_error }
+    }
+
+    /// What [`State::told`] says, by light group.
+    fn told_groups(&self, corners: [u32; 4], blend: &Blend, p: Vec2, row: &mut [Rgb]) {
+        for (corner, weight) in corners.into_iter().zip(blend.weights(p)) {
+            row.iter_mut().zip(&self.probe(corner).groups).for_each(|(sum, &e)| *sum += e * weight);
+        }
     }
 
     /// Irradiance at a page position as the corners have it, W/m².

@@ -79,7 +79,7 @@ mod tests {
             beam: None,
             web: None,
         };
-        Lamp { shape, casts_shadows: true }
+        Lamp { shape, casts_shadows: true, group: 0 }
     }
 
     #[test]

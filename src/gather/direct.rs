@@ -5,6 +5,7 @@
 
 use super::footprint::Footprint;
 use super::lamp::Lamp;
+use super::tally::Grouped;
 use super::visibility::{Lamps, Seen, Visibility};
 use crate::atlas::{Atlas, NO_TEXEL, SurfacePoint, Texels};
 use crate::hierarchy::{Element, Side, Surfels};
@@ -90,15 +91,18 @@ fn yardstick(so_far: Rgb, mean: f32) -> f32 {
 pub struct Direct {
     /// W/m².
     pub irradiance: Vec<Rgb>,
+    /// The same by light group.
+    pub groups: Grouped,
     /// Root of the mean squared noise to be expected in penumbrae, W/m², mean of channels.
     pub noise: f32,
     /// Rays cast.
     pub rays: u64,
 }
 
-/// Irradiance of every texel straight from the lamps.
+/// Irradiance of every texel straight from the lamps, and apart for so many `groups`.
 pub fn texel_direct(
     lamps: &Lamps,
+    groups: usize,
     atlas: &Atlas,
     texels: &Texels,
     footprint: &Footprint,
@@ -106,6 +110,8 @@ pub fn texel_direct(
     progress: &dyn Progress,
 ) -> Result<Direct, Cancelled> {
     let mut irradiance = vec![Rgb::ZERO; texels.len()];
+    let mut groups = Grouped::new(groups, texels.len());
+    let mut part = vec![Rgb::ZERO; texels.len()];
     let count = lamps.len() - if settings.sky { 0 } else { lamps.skies() };
     let counter = Counter::new(progress, Stage::Direct, texels.len() * count * 2);
     let rays = AtomicU64::new(0);
@@ -131,10 +137,11 @@ pub fn texel_direct(
             rays.fetch_add(cast, Ordering::Relaxed);
             counter.advance(sums.len())
         })?;
-        irradiance.par_chunks_mut(CHUNK).zip(&mut noise).enumerate().try_for_each(|(chunk, (out, noise))| {
+        part.par_chunks_mut(CHUNK).zip(&mut noise).enumerate().try_for_each(|(chunk, (out, noise))| {
             let mut cast = 0;
             for (i, e) in out.iter_mut().enumerate() {
                 let texel = (chunk * CHUNK + i) as u32;
+                *e = Rgb::ZERO;
                 let Some(sender) = lamps.get(lamp, &footprint.centre(texel)) else { continue };
                 let free = unoccluded(sender, texels, footprint, texel);
                 if free.max_element() <= 0.0 && first[texel as usize].seen() == Seen::Never {
@@ -147,22 +154,25 @@ pub fn texel_direct(
                     let edge = CLOSER * sum.tried;
                     cast += lamps.test(sender, seed, edge, point, &mut sum);
                     if sum.seen() == Seen::Part {
-                        let most = settings.penumbra(free.max_element(), yardstick(*e + free * sum.share(), mean));
+                        let around = yardstick(irradiance[texel as usize] + free * sum.share(), mean);
+                        let most = settings.penumbra(free.max_element(), around);
                         cast += lamps.test(sender, seed, most, point, &mut sum);
                     }
                 }
-                *e += free * sum.share();
+                *e = free * sum.share();
                 *noise += f64::from(free.element_sum() / 3.0).powi(2) * f64::from(sum.variance());
             }
             rays.fetch_add(cast, Ordering::Relaxed);
             counter.advance(out.len())
         })?;
+        irradiance.par_iter_mut().zip(&part).for_each(|(e, &part)| *e += part);
+        groups.add(lamps.group(lamp), &part);
     }
     let noise = (noise.iter().sum::<f64>() / texels.len().max(1) as f64).sqrt() as f32;
-    Ok(Direct { irradiance, noise, rays: rays.into_inner() })
+    Ok(Direct { irradiance, groups, noise, rays: rays.into_inner() })
 }
 
-/// The same again, with many rays, for the texels that are `wanted`. Returns the rays cast.
+/// The same again, whole and by light group, with many rays, for the texels that are `wanted`. Returns the rays cast.
 pub fn closer_direct(
     lamps: &Lamps,
     texels: &Texels,
@@ -170,15 +180,18 @@ pub fn closer_direct(
     settings: &DirectSettings,
     wanted: &[bool],
     irradiance: &mut [Rgb],
+    groups: &mut Grouped,
     progress: &dyn Progress,
 ) -> Result<u64, Cancelled> {
     let mean = sample_mean(lamps, footprint, texels.len());
     let rays = AtomicU64::new(0);
-    let all = irradiance.par_iter_mut().zip(wanted).enumerate().filter(|(_, (_, wanted))| **wanted);
-    all.try_for_each(|(t, (e, _))| {
+    let rows = groups.rows_mut(texels.len());
+    let all = irradiance.par_iter_mut().zip(rows).zip(wanted).enumerate().filter(|(_, (_, wanted))| **wanted);
+    all.try_for_each(|(t, ((e, row), _))| {
         let texel = t as u32;
         let mut cast = 0;
         let mut sum = Rgb::ZERO;
+        row.fill(Rgb::ZERO);
         for lamp in 0..lamps.len() {
             let Some(sender) = lamps.get(lamp, &footprint.centre(texel)) else { continue };
             let free = unoccluded(sender, texels, footprint, texel);
@@ -189,7 +202,11 @@ pub fn closer_direct(
                 let most = settings.penumbra(free.max_element(), yardstick(*e, mean));
                 cast += lamps.test(sender, seed, most, point, &mut look);
             }
-            sum += free * look.share();
+            let light = free * look.share();
+            sum += light;
+            if let Some(part) = row.get_mut(usize::from(lamps.group(lamp))) {
+                *part += light;
+            }
         }
         *e = sum;
         rays.fetch_add(cast, Ordering::Relaxed);
@@ -203,7 +220,7 @@ fn sample_mean(lamps: &Lamps, footprint: &Footprint, texels: usize) -> f32 {
     let step = texels.div_ceil(MEAN_SAMPLES).max(1);
     let sum: f32 = (0..texels.div_ceil(step))
         .into_par_iter()
-        .map(|i| lamps.mean(&[footprint.centre((i * step) as u32)], i as u32, 1).element_sum() / 3.0)
+        .map(|i| lamps.mean(&[footprint.centre((i * step) as u32)], i as u32, 1, |_, _| ()).element_sum() / 3.0)
         .collect::<Vec<f32>>()
         .iter()
         .sum();
@@ -242,28 +259,40 @@ fn around(atlas: &Atlas, texels: &Texels, texel: u32) -> impl Iterator<Item = u3
     places.map(|place| page.texel[place]).filter(|&n| n != NO_TEXEL && range.contains(&n))
 }
 
-/// Irradiance of elements straight from the lamps, W/m²: the texels' mean for fronts of charts, sampled with `rays`
-/// rays per lamp elsewhere.
+/// Irradiance of elements straight from the lamps, W/m², whole and by light group: the texels' mean for fronts of charts,
+/// sampled with `rays` rays per lamp elsewhere.
 pub fn element_direct(
     lamps: &Lamps,
     surfels: &Surfels,
     elements: &[Element],
-    texel_direct: &[Rgb],
+    direct: &Direct,
     rays: u32,
-) -> Vec<Rgb> {
+) -> (Vec<Rgb>, Grouped) {
     let texel_count = surfels.texels.len() as u32;
-    elements
+    let mut groups = Grouped::new(direct.groups.groups(), elements.len());
+    let whole = elements
         .par_iter()
+        .zip(groups.rows_mut(elements.len()))
         .enumerate()
-        .map(|(index, element)| {
+        .map(|(index, (element, row))| {
             if element.side == Side::Front && element.surfels.end <= texel_count {
                 let area = |s: u32| surfels.area(s);
                 let total: f32 = element.surfels.clone().map(area).sum();
-                return element.surfels.clone().map(|s| texel_direct[s as usize] * area(s)).sum::<Rgb>() / total;
+                for s in element.surfels.clone() {
+                    let share = area(s) / total;
+                    row.iter_mut().zip(direct.groups.of(s as usize)).for_each(|(sum, &e)| *sum += e * share);
+                }
+                return element.surfels.clone().map(|s| direct.irradiance[s as usize] * area(s)).sum::<Rgb>() / total;
             }
-            lamps.mean(&element_points(surfels, element, rays as usize), hash3(index as u32, 0xe1e, 0), rays)
+            let points = element_points(surfels, element, rays as usize);
+            lamps.mean(&points, hash3(index as u32, 0xe1e, 0), rays, |group, light| {
+                if let Some(part) = row.get_mut(usize::from(group)) {
+                    *part += light;
+                }
+            })
         })
-        .collect()
+        .collect();
+    (whole, groups)
 }
 
 /// Irradiance of elements from the sky through openings, W/m², by `rays` rays each.

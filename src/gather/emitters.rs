@@ -2,7 +2,7 @@
 
 use super::lamp::{EmitterTriangle, Lamp, Shape};
 use crate::math::{Distribution, triangle_middles};
-use crate::scene::{Rgb, Scene};
+use crate::scene::{Group, LightGroups, Rgb, Scene};
 use glam::{Vec2, Vec3};
 
 /// Emitters this many times brighter than the mean exitance are too bright to be found by chance.
@@ -15,7 +15,7 @@ const MOST: f32 = 0.6;
 const FEWEST_PARTS: u32 = 2;
 const MOST_PARTS: u32 = 256;
 /// Triangles of one lamp at most.
-const GROUP: usize = 64;
+const BUNDLE: usize = 64;
 
 /// How each emissive primitive is treated.
 #[derive(Clone, Debug, Default)]
@@ -28,7 +28,7 @@ impl Emission {
     /// True if gather rays see the emission of a triangle; false if it is sent like a lamp, or dark.
     pub fn is_seen(&self, scene: &Scene, instance: usize, triangle: usize) -> bool {
         let mesh = &scene.meshes[scene.instances[instance].mesh];
-        self.seen[instance][mesh.primitives.partition_point(|p| p.triangles.end as usize <= triangle)]
+        self.seen[instance][mesh.primitive_index(triangle)]
     }
 
     /// True if gather rays may see any emission at all.
@@ -39,7 +39,7 @@ impl Emission {
 
 /// Sorts emissive surfaces into those that are met by gather rays and those that are sent; returns the lamps that
 /// stand for the latter.
-pub fn classify(scene: &Scene) -> (Emission, Vec<Lamp>) {
+pub fn classify(scene: &Scene, groups: &LightGroups) -> (Emission, Vec<Lamp>) {
     let mut emission =
         Emission { seen: scene.instances.iter().map(|i| vec![false; scene.meshes[i.mesh].primitives.len()]).collect() };
     let mut candidates = Vec::new();
@@ -64,7 +64,7 @@ pub fn classify(scene: &Scene) -> (Emission, Vec<Lamp>) {
         let area: f32 = triangles.iter().map(|t| t.area).sum();
         let power: f32 = triangles.iter().map(|t| t.area * t.radiance.max_element()).sum();
         if few || power / area >= CONTRAST * mean {
-            group(triangles, &mut lamps);
+            bundle(triangles, groups.of_emitter(instance, primitive), &mut lamps);
         } else {
             emission.seen[instance][primitive] = true;
         }
@@ -113,9 +113,9 @@ fn mean_radiance(scene: &Scene, instance: usize, triangle: usize) -> Rgb {
     triangle_middles(parts).map(emitted).sum::<Rgb>() / (parts * parts) as f32
 }
 
-/// Splits triangles at the median of their longest extent until each group is small, and makes each a lamp.
-fn group(mut triangles: Vec<EmitterTriangle>, lamps: &mut Vec<Lamp>) {
-    if triangles.len() > GROUP {
+/// Splits triangles at the median of their longest extent until each bundle is small, and makes each a lamp.
+fn bundle(mut triangles: Vec<EmitterTriangle>, group: Group, lamps: &mut Vec<Lamp>) {
+    if triangles.len() > BUNDLE {
         let centre = |t: &EmitterTriangle| (t.corners[0] + t.corners[1] + t.corners[2]) / 3.0;
         let low = triangles.iter().map(centre).fold(Vec3::INFINITY, Vec3::min);
         let high = triangles.iter().map(centre).fold(Vec3::NEG_INFINITY, Vec3::max);
@@ -123,15 +123,15 @@ fn group(mut triangles: Vec<EmitterTriangle>, lamps: &mut Vec<Lamp>) {
         let axis = (0..3).max_by(|&a, &b| size[a].total_cmp(&size[b])).expect("three axes");
         triangles.sort_by(|a, b| centre(a)[axis].total_cmp(&centre(b)[axis]));
         let rest = triangles.split_off(triangles.len() / 2);
-        group(triangles, lamps);
-        group(rest, lamps);
+        bundle(triangles, group, lamps);
+        bundle(rest, group, lamps);
         return;
     }
     let draw = Distribution::new(triangles.iter().map(|t| f64::from(t.area * t.radiance.max_element())));
     let corners = || triangles.iter().flat_map(|t| t.corners);
     let (low, high) = (corners().fold(Vec3::INFINITY, Vec3::min), corners().fold(Vec3::NEG_INFINITY, Vec3::max));
     let (centre, radius) = ((low + high) * 0.5, low.distance(high) * 0.5);
-    lamps.push(Lamp { shape: Shape::Triangles { triangles, draw, centre, radius }, casts_shadows: true });
+    lamps.push(Lamp { shape: Shape::Triangles { triangles, draw, centre, radius }, casts_shadows: true, group });
 }
 
 #[cfg(test)]

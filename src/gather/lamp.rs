@@ -4,7 +4,8 @@ use super::portal::Portal;
 use super::region::{Region, regions};
 use crate::math::{Distribution, orthonormal_basis, shifted, uniform_disk};
 use crate::scene::{
-    Environment, Falloff, Light, LightShape, NARROWEST_SPREAD, Profile, Rgb, spot_attenuation, spread_attenuation,
+    Environment, Falloff, Group, Light, LightShape, NARROWEST_SPREAD, Profile, Rgb, spot_attenuation,
+    spread_attenuation,
 };
 use crate::transport::{form_factor, soft_box};
 use glam::{Vec2, Vec3};
@@ -36,6 +37,8 @@ pub struct Lamp {
     pub shape: Shape,
     /// False: its light passes through everything.
     pub casts_shadows: bool,
+    /// Its light group.
+    pub group: Group,
 }
 
 /// Shapes with closed-form irradiance.
@@ -160,12 +163,13 @@ impl Beam {
 
 impl Lamp {
     /// The lamps that stand for the bright regions of the environment.
-    pub fn of_environment(environment: &Environment) -> Vec<Self> {
-        regions(environment).into_iter().map(|r| Self { shape: Shape::Region(r), casts_shadows: true }).collect()
+    pub fn of_environment(environment: &Environment, group: Group) -> Vec<Self> {
+        let lamp = |region| Self { shape: Shape::Region(region), casts_shadows: true, group };
+        regions(environment).into_iter().map(lamp).collect()
     }
 
     /// The lamp of the scene's contract.
-    pub fn new(light: &Light) -> Self {
+    pub fn new(light: &Light, group: Group) -> Self {
         let [x, y, z] = light.axes;
         let faces_receivers = light.faces_receivers;
         let web = light.profile.clone().map(|profile| Web { axes: light.axes, profile });
@@ -198,7 +202,7 @@ impl Lamp {
             }
             LightShape::Sun { irradiance, angle } => Shape::Sun { direction: z, sine: (angle * 0.5).sin(), irradiance },
         };
-        Self { shape, casts_shadows: light.casts_shadows }
+        Self { shape, casts_shadows: light.casts_shadows, group }
     }
 
     /// A length in metres over which the lamp's irradiance around `p` is smooth: its distance, or less at the rim of a beam.
@@ -385,7 +389,7 @@ mod tests {
     use super::*;
 
     fn lamp(shape: LightShape) -> Lamp {
-        Lamp::new(&Light {
+        let light = Light {
             name: String::new(),
             path: String::new(),
             group: None,
@@ -396,7 +400,8 @@ mod tests {
             shape,
             profile: None,
             faces_receivers: false,
-        })
+        };
+        Lamp::new(&light, 0)
     }
 
     fn below(shape: LightShape) -> f32 {

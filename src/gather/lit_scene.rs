@@ -3,11 +3,12 @@
 use super::direct::Direct;
 use super::emitters::Emission;
 use super::footprint::Footprint;
+use super::tally::Grouped;
 use super::visibility::Lamps;
-use crate::accel::Accel;
+use crate::accel::{Accel, Hit};
 use crate::atlas::Atlas;
 use crate::hierarchy::{Hierarchy, Side, Surfels};
-use crate::scene::Rgb;
+use crate::scene::{Group, LightGroups, Rgb};
 use rayon::prelude::*;
 
 /// Everything that says what leaves the scene's surfaces, but for the irradiance of elements.
@@ -31,6 +32,10 @@ pub struct LitScene<'a> {
     pub direct: &'a Direct,
     /// Irradiance of every element straight from lamps, W/m².
     pub element_direct: &'a [Rgb],
+    /// The same by light group.
+    pub element_direct_groups: &'a Grouped,
+    /// Groups by which light is kept apart.
+    pub groups: &'a LightGroups,
     /// Texels that something stands on while their element lies partly open, ascending: they do not share in what the
     /// element receives and are receivers of their own, numbered on from the elements.
     pub shut: &'a [u32],
@@ -45,6 +50,14 @@ pub fn shut_texels(surfels: &Surfels, hierarchy: &Hierarchy) -> Vec<u32> {
 }
 
 impl LitScene<'_> {
+    /// Light group of what the surface at a hit emits.
+    pub(super) fn emitter_group(&self, hit: &Hit) -> Group {
+        let scene = self.accel.scene();
+        let instance = hit.instance as usize;
+        let mesh = &scene.meshes[scene.instances[instance].mesh];
+        self.groups.of_emitter(instance, mesh.primitive_index(hit.triangle as usize))
+    }
+
     /// The receiver of a shut texel.
     pub(super) fn shut_receiver(&self, surfel: u32) -> Option<u32> {
         if !self.surfels.is_covered(surfel) {

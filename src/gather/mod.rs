@@ -11,6 +11,7 @@ mod lamp;
 mod lit_scene;
 mod obstacles;
 mod openings;
+mod parts;
 mod portal;
 mod probe;
 mod region;
@@ -18,9 +19,10 @@ mod secondary;
 mod sending;
 mod smooth;
 mod source;
+mod tally;
 mod visibility;
 
-pub use bounce::{Bounce, bounce};
+pub use bounce::{Bounce, NOTHING, bounce};
 pub use cells::{CellSettings, Gathering, Start as GatherStart, indirect};
 pub use direct::{Direct, DirectSettings, closer_direct, element_direct, element_sky, texel_direct};
 pub use emitters::{Emission, classify};
@@ -32,6 +34,7 @@ pub use openings::Portals;
 pub use probe::{Probe, ProbeSettings};
 pub use smooth::{Smooth, smooth};
 pub use source::Source;
+pub use tally::Grouped;
 pub use visibility::Lamps;
 
 use crate::scene::Rgb;
@@ -43,6 +46,10 @@ pub struct Lightmap {
     pub direct: Vec<Rgb>,
     /// Everything: lamps, sky, emissive surfaces and all bounces.
     pub combined: Vec<Rgb>,
+    /// The same by light group.
+    pub groups: Grouped,
+    /// What of it came straight from lamps, by light group.
+    pub direct_groups: Grouped,
     /// False where a texel lies inside other geometry and is to be filled from its neighbours.
     pub usable: Vec<bool>,
 }

@@ -11,7 +11,7 @@ use crate::accel::{Accel, Ray, offset_origin};
 use crate::atlas::SurfacePoint;
 use crate::math::{Sequence, cosine_hemisphere, hash2};
 use crate::progress::{Cancelled, Progress};
-use crate::scene::Rgb;
+use crate::scene::{Group, Rgb};
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
@@ -40,6 +40,8 @@ pub struct Portals {
     /// Portal of every neighbourhood.
     index: Vec<u32>,
     portals: Vec<Lamp>,
+    /// Light group of the sky.
+    sky: Group,
 }
 
 /// A grid over the scene.
@@ -103,8 +105,14 @@ struct View {
 }
 
 impl Portals {
-    /// Looks for openings around the texels of the scene.
-    pub fn find(accel: &Accel, footprint: &Footprint, texels: u32, progress: &dyn Progress) -> Result<Self, Cancelled> {
+    /// Looks for openings around the texels of the scene. `sky` is the light group of what they show.
+    pub fn find(
+        accel: &Accel,
+        footprint: &Footprint,
+        texels: u32,
+        sky: Group,
+        progress: &dyn Progress,
+    ) -> Result<Self, Cancelled> {
         let environment = &accel.scene().environment;
         if environment.is_black() || texels == 0 {
             return Ok(Self::default());
@@ -147,9 +155,14 @@ impl Portals {
                 index[*neighbourhood] = portals.len() as u32;
             }
             let portal = Portal { panes, environment: environment.clone() };
-            portals.push(Lamp { shape: Shape::Portal(portal), casts_shadows: true });
+            portals.push(Lamp { shape: Shape::Portal(portal), casts_shadows: true, group: sky });
         }
-        Ok(Self { grid, index, portals })
+        Ok(Self { grid, index, portals, sky })
+    }
+
+    /// Light group of what they show.
+    pub(super) fn group(&self) -> Group {
+        self.sky
     }
 
     /// True if there are none.

@@ -7,6 +7,7 @@
 
 use super::footprint::Footprint;
 use super::source::{Followed, Source};
+use super::tally::{Grouped, Sums};
 use super::visibility::Screen;
 use crate::accel::offset_origin;
 use crate::hierarchy::Side;
@@ -42,10 +43,12 @@ pub struct ProbeSettings {
 }
 
 /// Irradiance at a texel, with what is needed to judge how far it reaches.
-#[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct Probe {
     /// W/m².
     pub irradiance: Rgb,
+    /// The same by light group, if light is kept apart.
+    pub groups: Box<[Rgb]>,
     /// Harmonic mean distance to what is seen, metres.
     pub distance: f32,
     /// Standard error of the irradiance's mean channel, W/m².
@@ -60,12 +63,14 @@ impl Probe {
         let receiver = footprint.centre(texel).position;
         let view = View { source, footprint, texel, receiver, screen: source.start(texel, Side::Front).screen };
         let mut strata = [Stratum::default(); STRATA];
+        let mut groups = Grouped::new(source.groups(), STRATA);
         let (mut inverse, mut rays) = (0.0f32, 0);
         let sequence = Sequence::new(0x9a7e);
         for i in 0..STRATA as u32 {
             let u = sequence.first(i);
-            let seen = view.cast(u, sequence.second(i), 1.0);
-            strata[stratum(u)].add(seen.radiance);
+            let s = stratum(u);
+            let seen = view.cast(u, sequence.second(i), 1.0, groups.of_mut(s));
+            strata[s].add(seen.radiance);
             inverse += 1.0 / seen.distance.max(1e-6);
             rays += seen.rays;
         }
@@ -76,14 +81,15 @@ impl Probe {
                 let is_bright =
                     |inside: &Vec2| bright.contains(cosine_hemisphere(normal, (corner(s) + *inside) / SIDE as f32));
                 if INSIDE.iter().any(is_bright) {
-                    rays += view.look_closer(s, stratum, LOOKS);
+                    rays += view.look_closer(s, stratum, LOOKS, groups.of_mut(s));
                 }
             }
         }
         let mut spread = spread(&strata.map(|s| s.mean()), &strata.map(|s| s.variance()));
         let mean = strata.iter().map(Stratum::mean).sum::<f32>() / STRATA as f32;
         let all = PI * mean + source.direct(texel) + settings.floor;
-        let sent = source.sent_to(footprint, texel, 0.5 * settings.tolerance * all);
+        let mut parts = vec![Rgb::ZERO; source.groups()];
+        let sent = source.sent_to(footprint, texel, 0.5 * settings.tolerance * all, &mut parts);
         rays += sent.rays;
         let mean = mean + sent.irradiance.element_sum() / 3.0 / PI;
         // What the eye compares is all the light at the texel, not the part gathered here.
@@ -91,7 +97,7 @@ impl Probe {
         for _ in 0..ROUNDS {
             let counts = allot(&spread, tolerance, settings.extra);
             for (s, stratum) in strata.iter_mut().enumerate() {
-                rays += view.look_closer(s, stratum, counts[s]);
+                rays += view.look_closer(s, stratum, counts[s], groups.of_mut(s));
                 // So many rays may speak for themselves: whether one of them met something hardly matters.
                 if stratum.count >= LOOKS {
                     spread[s] = stratum.variance().sqrt();
@@ -99,9 +105,14 @@ impl Probe {
             }
         }
         let variance: f32 = spread.iter().zip(&strata).map(|(&spread, s)| spread * spread / s.count as f32).sum();
+        for (s, stratum) in strata.iter().enumerate() {
+            let share = PI / (STRATA as f32 * stratum.count as f32);
+            parts.iter_mut().zip(groups.of(s)).for_each(|(part, &sum)| *part += sum * share);
+        }
         Self {
             irradiance: sent.irradiance
                 + strata.iter().map(|s| s.sum / s.count as f32).sum::<Rgb>() * (PI / STRATA as f32),
+            groups: parts.into(),
             distance: STRATA as f32 / inverse.max(1e-12),
             error: (PI * variance.sqrt() / STRATA as f32).hypot(sent.error),
             rays,
@@ -157,13 +168,14 @@ struct View<'a> {
 }
 
 impl View<'_> {
-    /// Casts rays into stratum `s` until it has `count`. Returns how many that took, turns included.
-    fn look_closer(&self, s: usize, stratum: &mut Stratum, count: u32) -> u32 {
+    /// Casts rays into stratum `s` until it has `count`, with sums by light group beside it. Returns how many that took,
+    /// turns included.
+    fn look_closer(&self, s: usize, stratum: &mut Stratum, count: u32, groups: &mut [Rgb]) -> u32 {
         let sequence = Sequence::new(hash2(s as u32, 0x57a7));
         let mut rays = 0;
         for i in stratum.count..count {
             let u = (corner(s) + sequence.first(i)) / SIDE as f32;
-            let seen = self.cast(u, sequence.second(i), 1.0 / count as f32);
+            let seen = self.cast(u, sequence.second(i), 1.0 / count as f32, groups);
             stratum.add(seen.radiance);
             rays += seen.rays;
         }
@@ -171,8 +183,8 @@ impl View<'_> {
     }
 
     /// What lies in the direction that belongs to `u`. The ray stands for `share` of a stratum and starts where `place`
-    /// says.
-    fn cast(&self, u: Vec2, place: Vec2, share: f32) -> Followed {
+    /// says. Adds to the sums by light group, if there are any.
+    fn cast(&self, u: Vec2, place: Vec2, share: f32, groups: &mut [Rgb]) -> Followed {
         let p = self.footprint.point(self.texel, place);
         let direction = cosine_hemisphere(p.shading_normal, u);
         if direction.dot(p.geometric_normal) <= 0.0 {
@@ -183,7 +195,11 @@ impl View<'_> {
         let solid_angle = share * PI / (STRATA as f32 * cosine);
         let seed = hash2(u.x.to_bits(), u.y.to_bits());
         let origin = offset_origin(p.position, p.geometric_normal);
-        self.source.follow(origin, direction, solid_angle, self.screen, self.receiver, seed)
+        let (source, receiver) = (self.source, self.receiver);
+        match groups.is_empty() {
+            true => source.follow(origin, direction, solid_angle, self.screen, receiver, seed, &mut ()),
+            false => source.follow(origin, direction, solid_angle, self.screen, receiver, seed, &mut Sums(groups)),
+        }
     }
 }
 

@@ -4,6 +4,7 @@ use super::footprint::Footprint;
 use super::lit_scene::LitScene;
 use super::secondary::Receiver;
 use super::source::Source;
+use super::tally::{Sums, Tally};
 use crate::accel::{Ray, offset_origin};
 use crate::hierarchy::Side;
 use crate::math::Sequence;
@@ -26,8 +27,9 @@ pub struct Arrived {
 }
 
 impl Source<'_> {
-    /// What secondary sources bring to a texel: to within about `tolerance`, W/m².
-    pub fn sent_to(&self, footprint: &Footprint, texel: u32, tolerance: f32) -> Arrived {
+    /// What secondary sources bring to a texel: to within about `tolerance`, W/m². `groups` gets the same by light group,
+    /// and is empty if light is not kept apart.
+    pub fn sent_to(&self, footprint: &Footprint, texel: u32, tolerance: f32, groups: &mut [Rgb]) -> Arrived {
         let LitScene { accel, surfels, hierarchy, .. } = self.lit;
         let centre = footprint.centre(texel);
         let Some(secondary) = &self.secondary else { return Arrived::default() };
@@ -67,12 +69,19 @@ impl Source<'_> {
                 return;
             }
             open += 1;
-            sum += passed
-                * radiance(sender.surfel, sender.side)
-                * (receives * sends * sender.area / (distance * distance));
+            let factor = receives * sends * sender.area / (distance * distance);
+            sum += passed * radiance(sender.surfel, sender.side) * factor;
+            if !groups.is_empty() {
+                let parts = match (sender.side, hierarchy.element_of(sender.surfel, sender.side)) {
+                    (Side::Back, Some(element)) => self.parts.element(element),
+                    _ => self.parts.front(sender.surfel),
+                };
+                Sums(groups).reflected(passed * factor, parts);
+            }
         };
         let rays = (wanted as u32).clamp(FEWEST_SENT, MOST_SENT);
         (0..rays).for_each(cast);
+        groups.iter_mut().for_each(|sum| *sum /= rays as f32);
         let error = if open > 0 && blocked > 0 { 0.5 * total * (rays as f32).powf(-0.75) } else { 0.0 };
         Arrived { irradiance: sum / rays as f32, error, rays }
     }

@@ -2,11 +2,13 @@
 
 use super::guide::{Bright, Guide};
 use super::lit_scene::LitScene;
+use super::parts::Parts;
 use super::secondary::Secondary;
+use super::tally::{Grouped, Tally};
 use super::visibility::Screen;
 use crate::accel::{Accel, Hit, Ray, offset_origin};
 use crate::atlas::SurfacePoint;
-use crate::hierarchy::Side;
+use crate::hierarchy::{Side, Surfels};
 use crate::math::{cosine_hemisphere, hash2, hash3, unit_float};
 use crate::scene::Rgb;
 use glam::{Vec2, Vec3};
@@ -34,7 +36,7 @@ pub struct Start<'a> {
 
 /// What a ray sees.
 #[derive(Clone, Copy, Debug)]
-pub struct Seen {
+pub(super) struct Seen {
     /// W/(m²·sr).
     pub radiance: Rgb,
     /// The receiver that reflects it: an element, or behind all elements a shut texel.
@@ -43,7 +45,7 @@ pub struct Seen {
 
 /// What a path sees.
 #[derive(Clone, Copy, Debug)]
-pub struct Followed {
+pub(super) struct Followed {
     /// W/(m²·sr).
     pub radiance: Rgb,
     /// Distance to the first surface, metres.
@@ -84,7 +86,7 @@ struct Place {
 }
 
 /// Share of a texel that is seen, from the share of it that is open: what is wholly covered is seen through gaps.
-fn open_part(open: f32) -> f32 {
+pub(super) fn open_part(open: f32) -> f32 {
     if open > 0.0 { open.max(LEAST_OPEN) } else { 1.0 }
 }
 
@@ -101,13 +103,21 @@ pub struct Source<'a> {
     pub(super) elements: Vec<Rgb>,
     /// Area of every element, m².
     areas: Vec<f32>,
+    /// As `front` and `elements`, by light group.
+    pub(super) parts: Parts,
+}
+
+/// Radiance that a surfel reflects of irradiance `e`, as far as halves can hold it.
+pub(super) fn reflected(surfels: &Surfels, s: u32, e: Rgb) -> Rgb {
+    (e * surfels.reflectance(s) * FRAC_1_PI).min(Rgb::splat(f16::MAX.to_f32()))
 }
 
 impl<'a> Source<'a> {
-    /// `rest` is the irradiance of every receiver from everything but lamps, W/m²; `guide` aims the rays of probes.
-    pub fn new(lit: LitScene<'a>, rest: &[Rgb], guide: Option<&'a Guide>) -> Self {
+    /// `rest` is the irradiance of every receiver from everything but lamps, W/m², `rest_groups` the same by light group;
+    /// `guide` aims the rays of probes.
+    pub fn new(lit: LitScene<'a>, rest: &[Rgb], rest_groups: &Grouped, guide: Option<&'a Guide>) -> Self {
         let LitScene { surfels, hierarchy, footprint, element_direct, .. } = lit;
-        let radiance = |s: u32, e: Rgb| (e * surfels.reflectance(s) * FRAC_1_PI).min(Rgb::splat(f16::MAX.to_f32()));
+        let radiance = |s: u32, e: Rgb| reflected(surfels, s, e);
         let front: Vec<[f16; 3]> = (0..surfels.len() as u32)
             .into_par_iter()
             .map(|s| {
@@ -142,7 +152,13 @@ impl<'a> Source<'a> {
         // Only probes have them sent; not through what hides reflected light and no lamp.
         let casts_shadows = lit.accel.scene().instances.iter().all(|i| i.casts_shadows);
         let secondary = guide.filter(|_| casts_shadows).map(|_| Secondary::new(hierarchy, &elements));
-        Self { lit, guide, secondary, front, elements, areas }
+        let parts = Parts::new(&lit, rest_groups);
+        Self { lit, guide, secondary, front, elements, areas, parts }
+    }
+
+    /// Number of light groups that are kept apart.
+    pub fn groups(&self) -> usize {
+        self.lit.groups.len()
     }
 
     /// Light straight from lamps at a texel, W/m², mean of channels.
@@ -164,15 +180,23 @@ impl<'a> Source<'a> {
 
     /// What is seen along a ray that stands for `solid_angle` sr, as the coarse solution has it; of the sky what
     /// `screen` shows.
-    pub fn look(&self, origin: Vec3, direction: Vec3, solid_angle: f32, screen: Screen) -> Seen {
-        let met = self.meet(origin, direction, solid_angle, screen, None);
-        let reflected = met.place.map_or(Rgb::ZERO, |place| self.cached(&place, met.distance, solid_angle));
+    pub(super) fn look<T: Tally>(
+        &self,
+        origin: Vec3,
+        direction: Vec3,
+        solid_angle: f32,
+        screen: Screen,
+        tally: &mut T,
+    ) -> Seen {
+        let met = self.meet(origin, direction, solid_angle, screen, None, Rgb::ONE, tally);
+        let cached = |place: &Place| self.cached(place, met.distance, solid_angle, met.passed, tally);
+        let reflected = met.place.as_ref().map_or(Rgb::ZERO, cached);
         Seen { radiance: met.own + met.passed * reflected, receiver: met.receiver }
     }
 
     /// Like `look`, but a path that ends nearer than the coarse solution can tell what happens there, as in corners and
     /// narrow gaps, goes on. What is sent to `receiver` does not count. `seed` makes its turns.
-    pub fn follow(
+    pub(super) fn follow<T: Tally>(
         &self,
         origin: Vec3,
         direction: Vec3,
@@ -180,8 +204,9 @@ impl<'a> Source<'a> {
         screen: Screen,
         receiver: Vec3,
         seed: u32,
+        tally: &mut T,
     ) -> Followed {
-        let first = self.meet(origin, direction, solid_angle, screen, Some(receiver));
+        let first = self.meet(origin, direction, solid_angle, screen, Some(receiver), Rgb::ONE, tally);
         let (mut radiance, mut weight) = (first.own, first.passed);
         if first.place.is_some_and(|place| self.is_sent(&place, receiver)) {
             return Followed { radiance, distance: first.distance, rays: 1 };
@@ -191,16 +216,16 @@ impl<'a> Source<'a> {
         for turn in 0.. {
             let Some(at) = place else { break };
             if turn == MOST_TURNS || distance * distance > CONTACT * CONTACT * self.areas[at.element as usize] {
-                radiance += weight * self.cached(&at, distance, solid_angle);
+                radiance += weight * self.cached(&at, distance, solid_angle, weight, tally);
                 break;
             }
             let seed = hash3(seed, turn, at.surfel);
             weight *= self.lit.surfels.reflectance(at.surfel);
-            let (direct, screen) = self.direct_at(&at, seed);
+            let (direct, screen) = self.direct_at(&at, seed, weight * FRAC_1_PI, tally);
             radiance += weight * FRAC_1_PI * direct;
             let u = Vec2::new(unit_float(hash2(seed, 1)), unit_float(hash2(seed, 2)));
             let origin = offset_origin(at.point, at.normal);
-            let next = self.meet(origin, cosine_hemisphere(at.normal, u), PI, screen, None);
+            let next = self.meet(origin, cosine_hemisphere(at.normal, u), PI, screen, None, weight, tally);
             radiance += weight * next.own;
             weight *= next.passed;
             rays += 1;
@@ -213,8 +238,17 @@ impl<'a> Source<'a> {
 
     /// What a ray that stands for `solid_angle` sr runs into. What translucent surfaces send counts as own; of all that
     /// is met, the receiver is drawn by how much of the view it fills: colour is lost by that, but only to the coarse
-    /// solution. What is sent to `receiver` does not count as own.
-    fn meet(&self, origin: Vec3, direction: Vec3, solid_angle: f32, screen: Screen, receiver: Option<Vec3>) -> Met {
+    /// solution. What is sent to `receiver` does not count as own. The tally gets `weight` times what does.
+    fn meet<T: Tally>(
+        &self,
+        origin: Vec3,
+        direction: Vec3,
+        solid_angle: f32,
+        screen: Screen,
+        receiver: Option<Vec3>,
+        weight: Rgb,
+        tally: &mut T,
+    ) -> Met {
         let accel = self.lit.accel;
         let mut ray = Ray { origin, direction, t_min: 0.0, t_max: f32::INFINITY };
         let mut met = Met { own: Rgb::ZERO, passed: Rgb::ONE, distance: f32::INFINITY, place: None, receiver: None };
@@ -223,11 +257,16 @@ impl<'a> Source<'a> {
         let (mut draw, mut layers) = (None, 0);
         loop {
             let Some(hit) = accel.surface(&ray) else {
-                met.own += shines * screen.sky(origin, direction, solid_angle);
+                let sky = shines * screen.sky(origin, direction, solid_angle);
+                met.own += sky;
+                tally.add(self.lit.groups.of_environment(), weight * sky);
                 return met;
             };
             let (emitted, place) = self.surface(&ray, &hit);
             met.own += shines * emitted;
+            if T::COUNTS && emitted != Rgb::ZERO {
+                tally.add(self.lit.emitter_group(&hit), weight * shines * emitted);
+            }
             let met_by = place.map(|p| p.receiver);
             let through = accel.transmission_at(&hit).filter(|_| layers < Accel::MOST_LAYERS);
             match through {
@@ -242,7 +281,8 @@ impl<'a> Source<'a> {
                     let is_there = 1.0 - through.element_sum() / 3.0;
                     let counts = |place: &Place| receiver.is_none_or(|p| !self.is_sent(place, p));
                     if let Some(place) = place.filter(counts) {
-                        met.own += met.passed * is_there * self.cached(&place, hit.t, solid_angle);
+                        let passed = met.passed * is_there;
+                        met.own += passed * self.cached(&place, hit.t, solid_angle, weight * passed, tally);
                     }
                     let left = draw.unwrap_or_else(|| {
                         unit_float(direction.to_array().iter().fold(0, |seed, x| hash2(seed, x.to_bits())))
@@ -303,29 +343,40 @@ impl<'a> Source<'a> {
         is_plain && self.secondary.as_ref().is_some_and(|secondary| secondary.is_sent(place.element, p))
     }
 
-    /// What a place reflects as the coarse solution has it, to a ray that stands for `solid_angle` sr, W/(m²·sr).
-    fn cached(&self, place: &Place, distance: f32, solid_angle: f32) -> Rgb {
+    /// What a place reflects as the coarse solution has it, to a ray that stands for `solid_angle` sr, W/(m²·sr). The
+    /// tally gets `weight` times that.
+    fn cached<T: Tally>(&self, place: &Place, distance: f32, solid_angle: f32, weight: Rgb, tally: &mut T) -> Rgb {
         let element = place.element as usize;
         let footprint = solid_angle * distance * distance / place.cosine.max(0.05);
         // The ray stands for a patch of the surface: its mean is what the ray should bring, not one texel of it.
         let is_wide = footprint > self.areas[element] && place.receiver == place.element;
         if place.side == Side::Back || is_wide {
+            if T::COUNTS {
+                tally.reflected(weight, self.parts.element(place.element));
+            }
             self.elements[element]
         } else {
+            if T::COUNTS {
+                tally.reflected(weight, self.parts.front(place.surfel));
+            }
             Rgb::from_array(self.front[place.surfel as usize].map(f16::to_f32))
         }
     }
 
     /// Irradiance straight from lamps at a place, W/m²: its texel's if it has one, else sampled. With what is
-    /// counted of the sky by that.
-    fn direct_at(&self, place: &Place, seed: u32) -> (Rgb, Screen<'_>) {
+    /// counted of the sky by that. The tally gets `weight` times the irradiance.
+    fn direct_at<T: Tally>(&self, place: &Place, seed: u32, weight: Rgb, tally: &mut T) -> (Rgb, Screen<'_>) {
         let LitScene { direct, lamps, .. } = self.lit;
         let s = place.surfel as usize;
         if place.side == Side::Front && s < direct.irradiance.len() {
+            if T::COUNTS {
+                tally.lit(weight, direct.groups.of(s));
+            }
             return (direct.irradiance[s], self.start(place.surfel, place.side).screen);
         }
         let Place { point, normal, .. } = *place;
         let point = SurfacePoint { position: point, geometric_normal: normal, shading_normal: normal };
-        (lamps.at(&point, seed), lamps.screen(place.point, normal))
+        let irradiance = lamps.at(&point, seed, |group, light| tally.add(group, weight * light));
+        (irradiance, lamps.screen(place.point, normal))
     }
 }

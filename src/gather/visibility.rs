@@ -6,7 +6,7 @@ use super::openings::Portals;
 use crate::accel::{Accel, Ray, offset_origin};
 use crate::atlas::SurfacePoint;
 use crate::math::{Sequence, hash2, unit_float};
-use crate::scene::{Environment, Rgb};
+use crate::scene::{Environment, Group, Rgb};
 use crate::transport::SELF_INTERSECTION;
 use glam::{Vec2, Vec3};
 
@@ -113,6 +113,11 @@ impl<'a> Lamps<'a> {
         }
     }
 
+    /// Light group of number `lamp`.
+    pub(super) fn group(&self, lamp: usize) -> Group {
+        if self.is_sky(lamp) { self.portals.group() } else { self.lamps[lamp].group }
+    }
+
     /// The sky as rays from a surface point are to count it.
     pub fn screen(&self, position: Vec3, normal: Vec3) -> Screen<'_> {
         Screen { portal: self.portals.at(position, normal), environment: &self.accel.scene().environment }
@@ -148,21 +153,31 @@ impl<'a> Lamps<'a> {
         1
     }
 
-    /// Irradiance at a point, W/m², from a ray to each of few lamps or to one drawn out of many.
-    pub fn at(&self, point: &SurfacePoint, seed: u32) -> Rgb {
+    /// Irradiance at a point, W/m², from a ray to each of few lamps or to one drawn out of many. `part` gets to know what
+    /// of it is whose.
+    pub(super) fn at(&self, point: &SurfacePoint, seed: u32, mut part: impl FnMut(Group, Rgb)) -> Rgb {
         let points = std::slice::from_ref(point);
         if self.lamps.len() <= FEW {
-            return self.mean(points, seed, 1);
+            return self.mean(points, seed, 1, part);
         }
         let u = unit_float(hash2(seed, 0xd4a3));
         let drawn = draw(&self.lamps, &self.reaches, point.position, point.shading_normal, u);
         let sky = if self.portals.is_empty() { Rgb::ZERO } else { self.mean_of(self.lamps.len(), points, seed, 1) };
-        sky + drawn.map_or(Rgb::ZERO, |(lamp, chance)| self.mean_of(lamp, points, seed, 1) / chance)
+        part(self.portals.group(), sky);
+        let Some((lamp, chance)) = drawn else { return sky };
+        let light = self.mean_of(lamp, points, seed, 1) / chance;
+        part(self.lamps[lamp].group, light);
+        sky + light
     }
 
-    /// Irradiance from all lamps averaged over points, with `rays` rays per lamp.
-    pub(super) fn mean(&self, points: &[SurfacePoint], seed: u32, rays: u32) -> Rgb {
-        (0..self.len()).map(|lamp| self.mean_of(lamp, points, seed, rays)).sum()
+    /// Irradiance from all lamps averaged over points, with `rays` rays per lamp. `part` gets to know what of it is whose.
+    pub(super) fn mean(&self, points: &[SurfacePoint], seed: u32, rays: u32, mut part: impl FnMut(Group, Rgb)) -> Rgb {
+        let of = |lamp| {
+            let light = self.mean_of(lamp, points, seed, rays);
+            part(self.group(lamp), light);
+            light
+        };
+        (0..self.len()).map(of).sum()
     }
 
     /// The part of one lamp in [`Lamps::mean`].

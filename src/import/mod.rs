@@ -44,6 +44,7 @@ use crate::scene::Scene;
 use crate::units::LightUnits;
 use crate::warning::Warning;
 use meshes::ShownMeshes;
+use serde::{Deserialize, Serialize};
 use std::path::Path;
 use textures::TextureSlots;
 
@@ -51,7 +52,7 @@ use textures::TextureSlots;
 const EXTENSION: &str = "LIGHTKILN_scene";
 
 /// How to read a file.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct ImportSettings {
     /// Units of lamps and emission; by default radiometric if the file has LIGHTKILN_scene, else photometric.
     pub light_units: Option<LightUnits>,

@@ -20,7 +20,7 @@ const NAME: &str = "checkpoint.lk";
 /// What the first line begins with.
 const MAGIC: &str = "lightkiln checkpoint ";
 /// Version of the content.
-const FORMAT: u32 = 1;
+const FORMAT: u32 = 2;
 /// Bytes of the length and the checksum at the end.
 const TRAILER: usize = 12;
 

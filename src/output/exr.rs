@@ -26,6 +26,8 @@ pub struct PageAttributes {
     pub scene_hash: String,
     /// How far the bake had come.
     pub state: State,
+    /// Light group that is shown, none for all light.
+    pub group: Option<String>,
 }
 
 /// Largest value that a channel of `precision` holds.
@@ -97,6 +99,7 @@ fn layer_attributes(attributes: &PageAttributes) -> LayerAttributes {
         ("lightkiln:state".into(), text(attributes.state.reached.name())),
         ("lightkiln:predictedError".into(), AttributeValue::F32(attributes.state.predicted_error as f32)),
     ]);
+    layer.other.extend(attributes.group.as_ref().map(|group| ("lightkiln:group".into(), text(group))));
     layer
 }
 
@@ -147,7 +150,14 @@ mod tests {
 
     fn attributes() -> PageAttributes {
         let state = State { reached: Milestone::Preview, predicted_error: 0.125 };
-        PageAttributes { quantity: Quantity::Radiance, uv_set: 1, page: 3, scene_hash: "abc".into(), state }
+        PageAttributes {
+            quantity: Quantity::Radiance,
+            uv_set: 1,
+            page: 3,
+            scene_hash: "abc".into(),
+            state,
+            group: Some("Key".into()),
+        }
     }
 
     fn gradient() -> PageImage {
@@ -206,6 +216,7 @@ mod tests {
         assert_eq!(text("lightkiln:sceneHash"), "abc");
         assert_eq!(text("lightkiln:state"), "preview");
         assert_eq!(other[&Text::from("lightkiln:predictedError")], AttributeValue::F32(0.125));
+        assert_eq!(text("lightkiln:group"), "Key");
         assert_eq!(other[&Text::from("lightkiln:page")], AttributeValue::I32(3));
         assert_eq!(image.attributes.chromaticities, Some(rec709()));
     }

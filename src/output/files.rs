@@ -6,7 +6,7 @@
 //! the temporary files and the folders that were made for them.
 
 use std::fs::{self, File};
-use std::io::{self, BufWriter, ErrorKind, Seek, Write};
+use std::io::{self, BufReader, BufWriter, ErrorKind, Read, Seek, Write};
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use thiserror::Error;
@@ -44,6 +44,14 @@ pub enum OutputError {
         /// What the system said.
         source: io::Error,
     },
+    /// A result of an earlier bake cannot be read.
+    #[error("cannot read `{}`", .path.display())]
+    Read {
+        /// The file.
+        path: PathBuf,
+        /// What the system said.
+        source: io::Error,
+    },
 }
 
 impl OutputError {
@@ -61,6 +69,7 @@ impl OutputError {
             Self::NotWritable { .. } => "output_not_writable",
             Self::Full { .. } => "disk_full",
             Self::Write { .. } => "output_write",
+            Self::Read { .. } => "output_read",
         }
     }
 
@@ -121,13 +130,16 @@ pub struct OutputSet {
     /// Folders that this set made, outermost first.
     created: Vec<PathBuf>,
     written: Vec<Written>,
+    /// Files that are not stale although they are not written.
+    kept: Vec<PathBuf>,
 }
 
 impl OutputSet {
     /// Prepares `folder` before the long computation: it exists afterwards, takes new files, and holds none of `names`
     /// and no lightmap page. `force` permits both, and pages that the new bake lacks go away with the commit.
     pub fn open(folder: &Path, names: &[&str], force: bool) -> Result<Self, OutputError> {
-        let mut set = Self { folder: folder.to_path_buf(), force, created: Vec::new(), written: Vec::new() };
+        let mut set =
+            Self { folder: folder.to_path_buf(), force, created: Vec::new(), written: Vec::new(), kept: Vec::new() };
         set.create_folder()?;
         for name in names {
             set.check_free(&folder.join(name))?;
@@ -152,6 +164,22 @@ impl OutputSet {
         format!("lightmap_{index}.exr")
     }
 
+    /// Name of page `index` of the light group that `label` stands for.
+    pub fn group_page_name(index: usize, label: &str) -> String {
+        format!("lightmap_{index}.{label}.exr")
+    }
+
+    /// Lets a file of the folder outlive the commit although this set does not replace it.
+    pub fn keep(&mut self, name: &str) {
+        self.kept.push(self.folder.join(name));
+    }
+
+    /// Names of the files that were written, in that order.
+    pub fn names(&self) -> Vec<String> {
+        let name = |w: &Written| w.target.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        self.written.iter().map(name).collect()
+    }
+
     /// Folder of the results.
     pub fn folder(&self) -> &Path {
         &self.folder
@@ -169,8 +197,22 @@ impl OutputSet {
         fill(&temporary, content).map_err(|e| OutputError::writing(&target, e))
     }
 
+    /// As [`OutputSet::write`], but if that fails the set goes on without the file.
+    pub fn write_if_possible(
+        &mut self,
+        name: &str,
+        content: impl FnOnce(&mut dyn Sink) -> io::Result<()>,
+    ) -> Result<(), OutputError> {
+        let before = self.written.len();
+        let result = self.write(name, content);
+        if result.is_err() {
+            self.written.drain(before..).for_each(|w| discard(&w.temporary));
+        }
+        result
+    }
+
     /// Gives all files their names and returns their paths, in the order in which they were written. Pages of an
-    /// earlier bake that this one does not replace are removed: they would pass for its own.
+    /// earlier bake that this one does not replace are removed, and its solution: they would pass for its own.
     pub fn commit(&mut self) -> Result<Vec<PathBuf>, OutputError> {
         // Held throughout, so that a signal finds either none or all of the results.
         let mut list = unfinished();
@@ -189,7 +231,7 @@ impl OutputSet {
         list.retain(|p| !self.created.contains(p) && !written.iter().any(|w| w.temporary == *p));
         self.created.clear();
         let outputs: Vec<PathBuf> = written.into_iter().map(|w| w.target).collect();
-        self.pages_on_disk().iter().filter(|p| !outputs.contains(p)).for_each(|p| remove(p));
+        self.pages_on_disk().iter().filter(|p| !outputs.contains(p) && !self.kept.contains(p)).for_each(|p| remove(p));
         // From now on these names are its own.
         self.force = true;
         Ok(outputs)
@@ -202,11 +244,14 @@ impl OutputSet {
         }
     }
 
-    /// Lightmap pages in the folder, by name.
+    /// Lightmap pages and solution in the folder, by name.
     fn pages_on_disk(&self) -> Vec<PathBuf> {
         let is_page = |name: &str| {
-            let number = name.strip_prefix("lightmap_").and_then(|n| n.strip_suffix(".exr"));
-            number.is_some_and(|n| !n.is_empty() && n.bytes().all(|b| b.is_ascii_digit()))
+            let label = name.strip_prefix("lightmap_").and_then(|n| n.strip_suffix(".exr"));
+            // Batches put `lightmap_0.mip.exr` beside, which is theirs.
+            let parts = label.map(|l| l.split_once('.').unwrap_or((l, "")));
+            parts.is_some_and(|(n, group)| !n.is_empty() && n.bytes().all(|b| b.is_ascii_digit()) && group != "mip")
+                || name == "solution.lk"
         };
         let entries = fs::read_dir(&self.folder).into_iter().flatten().flatten();
         let mut pages: Vec<PathBuf> =
@@ -261,6 +306,23 @@ impl Drop for OutputSet {
         self.written.iter().for_each(|w| discard(&w.temporary));
         self.created.iter().rev().for_each(|folder| discard(folder));
     }
+}
+
+/// A result of an earlier bake for reading, none if there is no such file.
+pub fn open_result(path: &Path) -> Result<Option<BufReader<File>>, OutputError> {
+    match File::open(path) {
+        Ok(file) => Ok(Some(BufReader::with_capacity(1 << 18, file))),
+        Err(e) if matches!(e.kind(), ErrorKind::NotFound | ErrorKind::NotADirectory) => Ok(None),
+        Err(source) => Err(OutputError::Read { path: path.to_path_buf(), source }),
+    }
+}
+
+/// The content of a result of an earlier bake, none if there is no such file.
+pub fn read_result(path: &Path) -> Result<Option<Vec<u8>>, OutputError> {
+    let Some(mut file) = open_result(path)? else { return Ok(None) };
+    let mut content = Vec::new();
+    let read = file.read_to_end(&mut content).map_err(|source| OutputError::Read { path: path.to_path_buf(), source });
+    read.map(|_| Some(content))
 }
 
 /// Writes a single file whole, in place of an earlier one of that name.

@@ -132,6 +132,15 @@ fn tables(report: &Report) -> String {
             ("unwrapped by", report.atlas.unwrapper.clone()),
         ],
     );
+    if let Some(relight) = &report.relight {
+        let mut rows: Vec<_> = relight.changes.iter().map(|change| ("changed", change.clone())).collect();
+        rows.push(("error to be expected of changed reflectances", percent(relight.expected_error)));
+        out += &table("Relit", &rows);
+    }
+    let groups: Vec<_> = report.groups.iter().map(|g| (g.name.as_str(), g.lights.join(", "))).collect();
+    if !groups.is_empty() {
+        out += &table("Light groups", &groups);
+    }
     let settings: Vec<_> = report.settings.iter().map(|(k, v)| (k.as_str(), plain(v))).collect();
     out += &table("Settings", &settings);
     let seconds = |d: super::report::Duration| match d.cpu_s {

@@ -12,15 +12,15 @@ pub mod report;
 mod thumbnail;
 
 pub use checkpoint::CheckpointError;
-pub use files::{OutputError, OutputSet};
+pub use files::{OutputError, OutputSet, open_result, read_result};
 pub use report::Report;
 
 use crate::units::Quantity;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 
 /// Bits per channel of the EXR pages.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Precision {
     /// Half floats: 11 significant bits, up to 65504.
@@ -31,7 +31,7 @@ pub enum Precision {
 }
 
 /// How good the lightmap is that a set of results holds.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct State {
     /// What the bake has reached.
     pub reached: Milestone,
@@ -40,7 +40,7 @@ pub struct State {
 }
 
 /// What a bake can have reached.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Milestone {
     /// All light, roughly.
@@ -69,7 +69,7 @@ impl Milestone {
 }
 
 /// Where the results go and in which form.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct OutputSettings {
     /// Folder of the results; created if it does not exist.
     pub folder: PathBuf,
@@ -77,6 +77,8 @@ pub struct OutputSettings {
     pub force: bool,
     /// What a texel of the EXR pages means.
     pub quantity: Quantity,
+    /// True: a page for every light group, too, and what relighting needs.
+    pub groups: bool,
     /// How it is stored.
     pub precision: Precision,
 }

@@ -42,6 +42,11 @@ pub struct Report {
     pub solver: SolverFacts,
     /// The atlas.
     pub atlas: AtlasFacts,
+    /// Light groups that were kept apart.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub groups: Vec<GroupFacts>,
+    /// What was changed after the bake; null if nothing was.
+    pub relight: Option<RelightFacts>,
     /// How far the lightmap is from the truth; null without an audit.
     pub audit: Option<Audit>,
     /// What was gathered again because an audit had found it worse than wanted.
@@ -65,8 +70,28 @@ pub struct RefinementFacts {
     pub aim: f64,
 }
 
-/// What was baked.
+/// A light group.
 #[derive(Clone, Debug, Default, Serialize)]
+pub struct GroupFacts {
+    /// Its name.
+    pub name: String,
+    /// Lamps, `environment`, or `material:` and the name of an emissive material.
+    pub lights: Vec<String>,
+    /// Its pages.
+    pub pages: Vec<PageFacts>,
+}
+
+/// What relighting changed.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct RelightFacts {
+    /// As they were written, relative to the bake.
+    pub changes: Vec<String>,
+    /// Error that changed reflectances bring, root mean square by mean irradiance; zero if none changed.
+    pub expected_error: f64,
+}
+
+/// What was baked.
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct SceneFacts {
     /// Name of the scene.
     pub name: String,
@@ -139,7 +164,7 @@ pub struct SolverFacts {
 }
 
 /// Size of the atlas.
-#[derive(Clone, Debug, Default, Serialize)]
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct AtlasFacts {
     /// Tool that unwrapped.
     pub unwrapper: String,
@@ -154,7 +179,7 @@ pub struct AtlasFacts {
 }
 
 /// One lightmap page.
-#[derive(Clone, Debug, Default, Serialize)]
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct PageFacts {
     /// File name.
     pub file: String,

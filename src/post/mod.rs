@@ -12,10 +12,11 @@ use crate::atlas::{Atlas, PageImage, Texels};
 use crate::progress::{Cancelled, Progress, Stage};
 use crate::scene::{Rgb, Scene};
 use crate::units::Quantity;
+use serde::{Deserialize, Serialize};
 use std::borrow::Cow;
 
 /// What is done to the pages.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct PostSettings {
     /// True: values on both sides of a chart edge are made to agree where the surface goes on smoothly.
     pub seams: bool,
@@ -26,6 +27,13 @@ pub struct PostSettings {
 impl Default for PostSettings {
     fn default() -> Self {
         Self { seams: true, dilation: 16 }
+    }
+}
+
+impl PostSettings {
+    /// Rings around charts that are filled.
+    pub fn rings(&self, atlas: &Atlas) -> u32 {
+        self.dilation.max(atlas.padding)
     }
 }
 
@@ -41,23 +49,70 @@ pub fn finish(
     settings: &PostSettings,
     progress: &dyn Progress,
 ) -> Result<Vec<PageImage>, Cancelled> {
-    let mut pages = place(atlas, texels, values);
-    let mut filled: Vec<Vec<bool>> = pages.iter().map(|p| p.valid.clone()).collect();
+    let (mut pages, mut filled) = placed(atlas, texels, values, settings);
     if settings.seams {
-        for page in &mut pages {
-            dilate::dilate(page, LOOKUP_RINGS);
-        }
-        seams::mend(atlas, texels, scene, &mut pages, &mut filled, progress)?;
+        seams::mend(atlas, texels, scene, &mut pages, &mut filled, None, progress)?;
     }
-    let rings = settings.dilation.max(atlas.padding);
-    for (page, filled) in pages.iter_mut().zip(&mut filled) {
+    fill_borders(&mut pages, &mut filled, settings.rings(atlas), progress)?;
+    progress.report(Stage::Post, 1.0);
+    Ok(pages)
+}
+
+/// A part of the light of pages on the way to pages of its own.
+pub struct Part {
+    /// Irradiance, with nothing around charts but what mending seams has put there.
+    pub pages: Vec<PageImage>,
+    /// Per page: texels that have a value, valid or mended.
+    pub filled: Vec<Vec<bool>>,
+}
+
+/// Pages of that `part` of the `whole` light, one value per texel each, which [`finish`] makes the same of: parts that
+/// add up to the whole still do.
+pub fn finish_part(
+    atlas: &Atlas,
+    texels: &Texels,
+    scene: &Scene,
+    (whole, part): (&[Rgb], &[Rgb]),
+    settings: &PostSettings,
+    progress: &dyn Progress,
+) -> Result<Part, Cancelled> {
+    let (mut pages, mut filled) = placed(atlas, texels, whole, settings);
+    let (mut parts, _) = placed(atlas, texels, part, settings);
+    if settings.seams {
+        seams::mend(atlas, texels, scene, &mut pages, &mut filled, Some(&mut parts), progress)?;
+    }
+    Ok(Part { pages: parts, filled })
+}
+
+/// Fills the empty texels within `rings` of those that are `filled`, page by page.
+pub fn fill_borders(
+    pages: &mut [PageImage],
+    filled: &mut [Vec<bool>],
+    rings: u32,
+    progress: &dyn Progress,
+) -> Result<(), Cancelled> {
+    for (page, filled) in pages.iter_mut().zip(filled) {
         if progress.is_cancelled() {
             return Err(Cancelled);
         }
         dilate::dilate_from(page, filled, rings);
     }
-    progress.report(Stage::Post, 1.0);
-    Ok(pages)
+    Ok(())
+}
+
+/// Fills the empty texels within `rings` of the valid ones.
+pub fn fill_around(page: &mut PageImage, rings: u32) {
+    dilate::dilate(page, rings);
+}
+
+/// Pages with the values of all texels, filled as far as lookups across seams reach, and which texels have values.
+fn placed(atlas: &Atlas, texels: &Texels, values: &[Rgb], settings: &PostSettings) -> (Vec<PageImage>, Vec<Vec<bool>>) {
+    let mut pages = place(atlas, texels, values);
+    let filled = pages.iter().map(|p| p.valid.clone()).collect();
+    if settings.seams {
+        pages.iter_mut().for_each(|page| dilate::dilate(page, LOOKUP_RINGS));
+    }
+    (pages, filled)
 }
 
 /// Pages of `quantity` from pages of irradiance.
@@ -78,7 +133,7 @@ pub fn convert<'a>(
         Quantity::Radiosity => {
             let mut pages = place(atlas, texels, &texels.reflectance);
             for (page, irradiance) in pages.iter_mut().zip(irradiance) {
-                dilate::dilate(page, settings.dilation.max(atlas.padding));
+                dilate::dilate(page, settings.rings(atlas));
                 page.rgb.iter_mut().zip(&irradiance.rgb).for_each(|(c, e)| *c *= *e);
             }
             Cow::Owned(pages)

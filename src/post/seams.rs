@@ -34,20 +34,24 @@ type Place = (usize, u32);
 struct Change {
     place: Place,
     value: Rgb,
+    /// The part's.
+    part: Rgb,
 }
 
 /// Mends all seams of all instances. `pages` are filled around their charts. `filled` marks, beside the valid
-/// texels, those empty ones that now have a value of their own.
+/// texels, those empty ones that now have a value of their own. `part` holds a part of the light of `pages`, and is
+/// changed as that part of them: what may be mended, and by how much, the whole decides.
 pub(super) fn mend(
     atlas: &Atlas,
     texels: &Texels,
     scene: &Scene,
     pages: &mut [PageImage],
     filled: &mut [Vec<bool>],
+    mut part: Option<&mut [PageImage]>,
     progress: &dyn Progress,
 ) -> Result<(), Cancelled> {
     let counter = Counter::new(progress, Stage::Post, atlas.layouts.len());
-    let map = Map { texels, pages };
+    let map = Map { texels, pages, part: part.as_deref() };
     let changes: Vec<Vec<Change>> = (0..atlas.layouts.len())
         .into_par_iter()
         .map(|instance| {
@@ -61,6 +65,9 @@ pub(super) fn mend(
         let (page, i) = change.place;
         pages[page].rgb[i as usize] = change.value;
         filled[page][i as usize] = true;
+        if let Some(part) = &mut part {
+            part[page].rgb[i as usize] = change.part;
+        }
     }
     Ok(())
 }
@@ -69,6 +76,7 @@ pub(super) fn mend(
 struct Map<'a> {
     texels: &'a Texels,
     pages: &'a [PageImage],
+    part: Option<&'a [PageImage]>,
 }
 
 /// Least and largest value per channel.
@@ -122,7 +130,29 @@ impl Map<'_> {
         // No new extremes: what agrees by overshooting would show as a bright or dark line.
         let value = |x: DVec3, range: &Range| x.as_vec3().max(range.low).min(range.high);
         let changes = places.into_iter().zip(solution).zip(&ranges);
-        changes.map(|((place, x), range)| Change { place, value: value(x, range) }).collect()
+        let change = |((place, x), range): ((Place, DVec3), &Range)| {
+            let value = value(x, range);
+            Change { place, value, part: value * self.share(place) }
+        };
+        changes.map(change).collect()
+    }
+
+    /// The part's share of the light at a place or, where that is dark, around it.
+    fn share(&self, (page, i): Place) -> Rgb {
+        let Some(part) = self.part else { return Rgb::ZERO };
+        let (whole, part) = (&self.pages[page], &part[page]);
+        let (x, y) = (i % whole.width, i / whole.width);
+        let columns = || x.saturating_sub(1)..(x + 2).min(whole.width);
+        let around = || {
+            let rows = y.saturating_sub(1)..(y + 2).min(whole.height);
+            rows.flat_map(|y| columns().map(move |x| (y * whole.width + x) as usize))
+        };
+        let own = (whole.rgb[i as usize], part.rgb[i as usize]);
+        let sums = (around().map(|i| whole.rgb[i]).sum::<Rgb>(), around().map(|i| part.rgb[i]).sum::<Rgb>());
+        Rgb::from_array(std::array::from_fn(|c| {
+            let (whole, part) = if own.0[c] > 0.0 { own } else { sums };
+            if whole[c] > 0.0 { part[c] / whole[c] } else { 0.0 }
+        }))
     }
 
     /// Both footprints of a lookup, the second with negative weights, and the range of the values around them; none if

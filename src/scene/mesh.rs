@@ -46,8 +46,12 @@ pub struct Primitive {
 impl Mesh {
     /// The primitive that triangle `triangle` belongs to.
     pub fn primitive_of(&self, triangle: usize) -> &Primitive {
-        let i = self.primitives.partition_point(|p| p.triangles.end as usize <= triangle);
-        &self.primitives[i]
+        &self.primitives[self.primitive_index(triangle)]
+    }
+
+    /// Its index in [`Mesh::primitives`].
+    pub fn primitive_index(&self, triangle: usize) -> usize {
+        self.primitives.partition_point(|p| p.triangles.end as usize <= triangle)
     }
 }
 

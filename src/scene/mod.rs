@@ -2,6 +2,7 @@
 //! glTF (metres, right-handed, +Y up). Immutable after import; nothing here knows of any file format.
 
 mod environment;
+mod groups;
 mod light;
 mod material;
 mod mesh;
@@ -12,6 +13,7 @@ mod sky;
 mod texture;
 
 pub use environment::Environment;
+pub use groups::{Group, LightGroups, MOST_GROUPS};
 pub use light::{
     Falloff, Light, LightShape, NARROWEST_SPREAD, spot_attenuation, spread_attenuation, spread_attenuation_by_tangent,
 };

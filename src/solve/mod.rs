@@ -65,7 +65,7 @@ pub fn solve(
     progress: &dyn Progress,
 ) -> Result<Solution, Cancelled> {
     let tree = exchange.hierarchy;
-    let first = first_radiosity(elements, survey);
+    let first = first_radiosity(elements, &survey.sky);
     let (epsilon, estimate) = estimate(tree, elements, survey, &first, settings.link_error);
     let radiosity = pull(tree, &estimate);
     let variation = variation(tree, &estimate, &radiosity);
@@ -79,10 +79,28 @@ pub fn solve(
     Ok(Solution { links, closure, irradiance, iterations, rays })
 }
 
+impl Solution {
+    /// Irradiance per element from everything but lamps if other light is sent over the same links, W/m²: that of
+    /// `elements`, and `sky` W/m² per element. Reflectances stay those of the solution.
+    pub fn of_other_light(
+        &self,
+        tree: &Hierarchy,
+        elements: &Elements,
+        sky: &[Rgb],
+        settings: &SolveSettings,
+        progress: &dyn Progress,
+    ) -> Result<Vec<Rgb>, Cancelled> {
+        let first = first_radiosity(elements, sky);
+        let (mut irradiance, _) = iterate(tree, &self.links, &self.closure, elements, &first, settings, progress)?;
+        irradiance.iter_mut().zip(sky).for_each(|(e, &sky)| *e += sky);
+        Ok(irradiance)
+    }
+}
+
 /// Radiosity of elements before any exchange, W/m².
-fn first_radiosity(elements: &Elements, survey: &Survey) -> Vec<Rgb> {
+fn first_radiosity(elements: &Elements, sky: &[Rgb]) -> Vec<Rgb> {
     (0..elements.direct.len())
-        .map(|i| elements.emittance[i] + elements.reflectance[i] * (elements.direct[i] + survey.sky[i]))
+        .map(|i| elements.emittance[i] + elements.reflectance[i] * (elements.direct[i] + sky[i]))
         .collect()
 }
 

@@ -1,6 +1,7 @@
 //! Known truths of radiosity, held by the whole chain from geometry to texels.
 
 mod audit;
+mod groups;
 mod lamps;
 mod leaves;
 mod rooms;

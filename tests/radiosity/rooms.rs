@@ -7,7 +7,7 @@ use lightkiln::bake;
 use lightkiln::gather::Lightmap;
 use lightkiln::output::report::StageClock;
 use lightkiln::progress::Silent;
-use lightkiln::scene::{Instance, LightmapRequest, Material, Mesh, Primitive, Rgb, Scene};
+use lightkiln::scene::{Instance, LightGroups, LightmapRequest, Material, Mesh, Primitive, Rgb, Scene};
 
 /// Emitted radiance (W/(m²·sr)) and reflectance of a face.
 #[derive(Clone, Copy)]
@@ -129,11 +129,16 @@ pub(crate) fn laid_out(scene: &Scene, texels_per_metre: f32) -> (Atlas, Texels) 
 }
 
 pub(crate) fn baked(scene: &Scene, texels_per_metre: f32, error: f32) -> Baked {
+    baked_with(scene, &LightGroups::none(scene), texels_per_metre, error)
+}
+
+/// The same with light kept apart.
+pub(crate) fn baked_with(scene: &Scene, groups: &LightGroups, texels_per_metre: f32, error: f32) -> Baked {
     let (atlas, texels) = laid_out(scene, texels_per_metre);
     let (accel, clock) = (Accel::build(scene), StageClock::start());
-    let (light, ..) =
-        bake::light(&accel, &atlas, &texels, error, None, &mut (), &clock, &Silent).expect("nobody cancels");
-    Baked { atlas, texels, light }
+    let lit =
+        bake::light(&accel, &atlas, &texels, groups, error, None, &mut (), &clock, &Silent).expect("nobody cancels");
+    Baked { atlas, texels, light: lit.lightmap }
 }
 
 impl Baked {

@@ -10,7 +10,7 @@ use lightkiln::gather::{Lightmap, Probe};
 use lightkiln::output::Milestone;
 use lightkiln::output::report::StageClock;
 use lightkiln::progress::{Cancelled, Silent};
-use lightkiln::scene::{Light, LightShape, Rgb, Scene};
+use lightkiln::scene::{Light, LightGroups, LightShape, Rgb, Scene};
 
 /// A room with a bulb, and a board that throws a shadow.
 fn lit_room() -> Scene {
@@ -48,10 +48,11 @@ impl Stage {
 
     fn bake(&self, error: f32, observer: &mut dyn Observer) -> (Lightmap, f64) {
         let (accel, clock) = (Accel::build(&self.scene), StageClock::start());
-        let (light, state, _) = bake::light(&accel, &self.atlas, &self.texels, error, None, observer, &clock, &Silent)
+        let groups = LightGroups::none(&self.scene);
+        let lit = bake::light(&accel, &self.atlas, &self.texels, &groups, error, None, observer, &clock, &Silent)
             .expect("nobody cancels");
-        assert_eq!(state.reached, Milestone::Final);
-        (light, state.predicted_error)
+        assert_eq!(lit.state.reached, Milestone::Final);
+        (lit.lightmap, lit.state.predicted_error)
     }
 }
 

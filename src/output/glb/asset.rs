@@ -120,25 +120,29 @@ impl Asset {
         } else {
             self.json.insert("buffers".into(), json!([{ "byteLength": self.bin.len() }]));
         }
-        let mut text = Value::Object(self.json).to_string().into_bytes();
-        text.resize(text.len().next_multiple_of(4), b' ');
-        self.bin.resize(self.bin.len().next_multiple_of(4), 0);
-
-        let chunks = [(b"JSON", text), (b"BIN\0", self.bin)];
-        let chunks: Vec<_> = chunks.into_iter().filter(|(_, content)| !content.is_empty()).collect();
-        let length = 12 + chunks.iter().map(|(_, content)| 8 + content.len()).sum::<usize>();
-        let length = u32::try_from(length).map_err(|_| GlbError::TooLarge)?;
-        let mut glb = Vec::with_capacity(length as usize);
-        glb.extend_from_slice(b"glTF");
-        glb.extend_from_slice(&2u32.to_le_bytes());
-        glb.extend_from_slice(&length.to_le_bytes());
-        for (kind, content) in chunks {
-            glb.extend_from_slice(&(content.len() as u32).to_le_bytes());
-            glb.extend_from_slice(kind);
-            glb.extend_from_slice(&content);
-        }
-        Ok(glb)
+        glb(Value::Object(self.json).to_string().into_bytes(), self.bin)
     }
+}
+
+/// A binary glTF file from its JSON and its buffer.
+pub(super) fn glb(mut text: Vec<u8>, mut bin: Vec<u8>) -> Result<Vec<u8>, GlbError> {
+    text.resize(text.len().next_multiple_of(4), b' ');
+    bin.resize(bin.len().next_multiple_of(4), 0);
+
+    let chunks = [(b"JSON", text), (b"BIN\0", bin)];
+    let chunks: Vec<_> = chunks.into_iter().filter(|(_, content)| !content.is_empty()).collect();
+    let length = 12 + chunks.iter().map(|(_, content)| 8 + content.len()).sum::<usize>();
+    let length = u32::try_from(length).map_err(|_| GlbError::TooLarge)?;
+    let mut glb = Vec::with_capacity(length as usize);
+    glb.extend_from_slice(b"glTF");
+    glb.extend_from_slice(&2u32.to_le_bytes());
+    glb.extend_from_slice(&length.to_le_bytes());
+    for (kind, content) in chunks {
+        glb.extend_from_slice(&(content.len() as u32).to_le_bytes());
+        glb.extend_from_slice(kind);
+        glb.extend_from_slice(&content);
+    }
+    Ok(glb)
 }
 
 /// Turns a reference into buffer `i` into one into the joined buffer, where it starts at `starts[i]`.

@@ -8,7 +8,7 @@ use serde_json::{Map, Value, json};
 use std::collections::HashMap;
 
 /// The extension that readers know lightmaps by.
-const MOZ_LIGHTMAP: &str = "MOZ_lightmap";
+pub(super) const MOZ_LIGHTMAP: &str = "MOZ_lightmap";
 
 /// What a lit material is made from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -93,7 +93,7 @@ fn move_texcoord(value: &mut Value, set: usize) {
 const CLIPPED: f64 = 1e-3;
 
 /// Irradiance that the texture's white stands for: the largest, unless a few texels outshine all others by far.
-fn white(page: &PageImage) -> f32 {
+pub(super) fn white(page: &PageImage) -> f32 {
     let mut values: Vec<f32> =
         page.rgb.iter().zip(&page.valid).filter(|(_, v)| **v).map(|(c, _)| c.max_element()).collect();
     let Some(last) = values.len().checked_sub(1) else { return 1.0 };
@@ -105,7 +105,7 @@ fn white(page: &PageImage) -> f32 {
 }
 
 /// The page as an 8-bit PNG with linear values, `scale` as white. Browsers show no more bits than these.
-fn encode(page: &PageImage, scale: f32) -> Result<Vec<u8>, GlbError> {
+pub(super) fn encode(page: &PageImage, scale: f32) -> Result<Vec<u8>, GlbError> {
     let code = |c: f32| (c / scale * 255.0).clamp(0.0, 255.0).round() as u8;
     let pixels: Vec<u8> = page.rgb.iter().flat_map(|c| c.to_array().map(code)).collect();
     let mut png = Vec::new();

@@ -8,11 +8,14 @@ mod asset;
 mod instancing;
 mod materials;
 mod meshes;
+mod relit;
 
 use crate::atlas::{Atlas, PageImage};
 use crate::document::Document;
 use crate::scene::Scene;
 use crate::units::Quantity;
+pub use relit::relit_glb;
+
 use asset::Asset;
 use materials::Materials;
 use meshes::Meshes;
