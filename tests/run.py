@@ -12,6 +12,7 @@ from __future__ import annotations
 import hashlib
 import os
 import shutil
+import signal
 import subprocess
 import sys
 import time
@@ -25,6 +26,8 @@ VENV_PYTHON = DEPS / "venv" / ("Scripts/python.exe" if os.name == "nt" else "bin
 PIPELINE = DEPS / "pipeline"
 REQUIREMENTS = ROOT / "tests" / "python" / "requirements.txt"
 NPM_FILES = [ROOT / "tests" / "web" / name for name in ("package.json", "package-lock.json", ".npmrc")]
+# No command takes a third of it, so that one that hangs is named before whoever runs the checks gives up.
+LIMIT_S = 40 * 60
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 
 
@@ -42,13 +45,30 @@ class Outcome:
 
 
 def call(*command: str | Path, cwd: Path = ROOT) -> None:
-    """Runs a command with its output shown. Raises Failed if it is missing or fails."""
+    """Runs a command with its output shown. Raises Failed if it is missing, fails or does not end."""
     print("$", *command, flush=True)
     if not shutil.which(str(command[0])):
         raise Failed(f"`{command[0]}` is not installed")
-    code = subprocess.run(command, cwd=cwd, check=False).returncode
+    name = f"{Path(command[0]).name} {command[1]}"
+    process = subprocess.Popen(command, cwd=cwd, start_new_session=True)
+    try:
+        code = process.wait(LIMIT_S)
+    except subprocess.TimeoutExpired as error:
+        raise Failed(f"`{name}` had not ended after {LIMIT_S} s") from error
+    finally:
+        if process.poll() is None:
+            end(process)
     if code != 0:
-        raise Failed(f"`{Path(command[0]).name} {command[1]}` ended with exit code {code}")
+        raise Failed(f"`{name}` ended with exit code {code}")
+
+
+def end(process: subprocess.Popen[bytes]) -> None:
+    """Ends a process and what it has started."""
+    if os.name == "posix":
+        os.killpg(process.pid, signal.SIGKILL)
+    else:
+        process.kill()
+    process.wait()
 
 
 def install_once(folder: Path, inputs: list[Path], install: Callable[[], None]) -> None:

@@ -91,6 +91,13 @@ impl Texels {
         &self.triangles[self.first_triangle[t] as usize..self.first_triangle[t + 1] as usize]
     }
 
+    /// Material of most of `texel`. `scene` and `atlas` are those that the texels were rasterised from.
+    pub fn material(&self, scene: &Scene, atlas: &Atlas, texel: u32) -> usize {
+        let instance = atlas.charts[self.chart[texel as usize] as usize].instance;
+        let mesh = &scene.meshes[scene.instances[instance].mesh];
+        mesh.primitive_of(self.triangles_of(texel)[0] as usize).material
+    }
+
     /// The surface point at `offset` (0..1 on both axes) inside the texel's square, none where the chart does not
     /// cover it. `scene` and `atlas` are those that the texels were rasterised from.
     pub fn sample(&self, scene: &Scene, atlas: &Atlas, texel: u32, offset: Vec2) -> Option<SurfacePoint> {

@@ -1,7 +1,8 @@
 //! Charts by xatlas, a C++ library: shapes → for every triangle a chart and its corners in the plane.
 //!
 //! xatlas runs on a thread of its own, because it looks for cancellation only between charts: a cancelled bake leaves
-//! that thread behind, and it ends at its next report.
+//! that thread behind, and it ends at its next report. The thread also outlives its result, because xatlas may wait for
+//! ever when it ends its own threads: it wakes them without their lock, and one that is about to sleep misses that.
 
 use super::build::AtlasError;
 use super::shape::Shape;
@@ -33,8 +34,11 @@ pub(super) fn unwrap(scene: &Scene, shapes: &[Shape], progress: &dyn Progress) -
     std::thread::Builder::new()
         .name("xatlas".into())
         .spawn(move || {
+            silence();
+            let declarations: Vec<_> = inputs.iter().map(Input::declared).collect();
+            let mut atlas = Xatlas::new();
             // Nobody listens any more after a cancellation.
-            let _ = sender.send(run(&inputs, &theirs));
+            let _ = sender.send(run(&mut atlas, &inputs, &declarations, &theirs));
         })
         .map_err(|e| AtlasError::Unwrapper { tool: "xatlas", reason: e.to_string() })?;
     loop {
@@ -98,25 +102,27 @@ impl Input {
             triangles: mesh.triangles.len(),
         }
     }
+
+    /// What xatlas is told of it; nothing if it has no faces.
+    fn declared(&self) -> Option<MeshDecl<'_>> {
+        (!self.faces.is_empty()).then(|| MeshDecl {
+            vertex_position_data: MeshData::Contiguous(&self.positions),
+            vertex_normal_data: Some(MeshData::Contiguous(&self.normals)),
+            index_data: Some(IndexData::U32(&self.indices)),
+            face_count: self.faces.len() as u32,
+            ..MeshDecl::default()
+        })
+    }
 }
 
 /// Runs xatlas over all inputs at once: an atlas owns threads, and starting them per mesh would cost more than small
 /// meshes do.
-fn run(inputs: &[Input], signals: &Arc<Signals>) -> Result<Vec<Unwrapped>, String> {
-    silence();
-    let declarations: Vec<Option<MeshDecl>> = inputs
-        .iter()
-        .map(|input| {
-            (!input.faces.is_empty()).then(|| MeshDecl {
-                vertex_position_data: MeshData::Contiguous(&input.positions),
-                vertex_normal_data: Some(MeshData::Contiguous(&input.normals)),
-                index_data: Some(IndexData::U32(&input.indices)),
-                face_count: input.faces.len() as u32,
-                ..MeshDecl::default()
-            })
-        })
-        .collect();
-    let mut atlas = Xatlas::new();
+fn run<'a>(
+    atlas: &mut Xatlas<'a>,
+    inputs: &[Input],
+    declarations: &'a [Option<MeshDecl<'a>>],
+    signals: &Arc<Signals>,
+) -> Result<Vec<Unwrapped>, String> {
     let theirs = Arc::clone(signals);
     atlas.set_progress_callback(move |category, percent| theirs.note(&category, percent));
     let count = declarations.iter().flatten().count() as u32;
@@ -141,7 +147,7 @@ fn run(inputs: &[Input], signals: &Arc<Signals>) -> Result<Vec<Unwrapped>, Strin
     let mut meshes = meshes.iter();
     Ok(inputs
         .iter()
-        .zip(&declarations)
+        .zip(declarations)
         .map(|(input, declared)| match declared {
             Some(_) => meshes.next().map_or_else(|| Unwrapped::none(input.triangles), |m| read(input, m)),
             None => Unwrapped::none(input.triangles),

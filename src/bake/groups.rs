@@ -115,9 +115,7 @@ impl GroupedLight<'_> {
         let Subject { scene, atlas, texels, .. } = *self.subject;
         let mut sums = vec![(Rgb::ZERO, 0.0); scene.materials.len()];
         for t in 0..texels.len() {
-            let instance = atlas.charts[texels.chart[t] as usize].instance;
-            let mesh = &scene.meshes[scene.instances[instance].mesh];
-            let sum = &mut sums[mesh.primitive_of(texels.triangles_of(t as u32)[0] as usize).material];
+            let sum = &mut sums[texels.material(scene, atlas, t as u32)];
             sum.0 += texels.reflectance[t] * texels.area[t];
             sum.1 += texels.area[t];
         }

@@ -2,7 +2,7 @@
 //! often than a small share of the bake's time allows.
 
 use super::BakeError;
-use super::observer::{Counts, Draft, Found, FoundSoFar, Observer, Refinement};
+use super::observer::{Counts, Draft, Found, FoundSoFar, Observer, REFINE, Refinement};
 use super::preview::{Preview, preview};
 use super::refine::{Costs, refined_facts, worst_tiles};
 use super::results::{Findings, Results, Subject};
@@ -20,8 +20,6 @@ use std::time::{Duration, Instant};
 
 /// Least time between two states.
 const BETWEEN_STATES: Duration = Duration::from_secs(1);
-/// How rays of refinements are counted.
-pub(super) const REFINE: &str = "refine";
 /// Times as long as writing took that nothing is written.
 const REST: u32 = 32;
 

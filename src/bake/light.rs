@@ -1,7 +1,6 @@
 //! The order of the lighting stages: resolved scene and texels → irradiance.
 
-use super::keeper::REFINE;
-use super::observer::{Counts, FoundSoFar, Observer, Refinement, Solution};
+use super::observer::{Counts, FoundSoFar, Observer, REFINE, Refinement, Solution};
 use crate::accel::Accel;
 use crate::atlas::{Atlas, Texels};
 use crate::gather::{

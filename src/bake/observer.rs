@@ -9,6 +9,9 @@ use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::ops::Range;
 
+/// How rays of refinements are counted.
+pub(super) const REFINE: &str = "refine";
+
 /// What the lighting stages did.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct Counts {

@@ -64,7 +64,6 @@ pub fn relight(settings: &RelightSettings, progress: &dyn Progress) -> Result<Re
     let mut groups: Vec<GroupFacts> = (0..names.len())
         .map(|g| GroupFacts { name: names[g].clone(), lights: header.known.lights_of(g), pages: Vec::new() })
         .collect();
-    let mut layouts: Vec<PageLayout> = Vec::new();
     let write = |outputs: &mut OutputSet, file: &str, page: &PageImage, k: usize, group: Option<&str>| {
         let attributes = PageAttributes {
             quantity: header.quantity,
@@ -79,9 +78,6 @@ pub fn relight(settings: &RelightSettings, progress: &dyn Progress) -> Result<Re
     let relit: Relit = clock
         .measure(Stage::Post, || {
             recombine::<_, BakeError>(solution, &changes, progress, |g, k, layout, image| {
-                if layouts.len() == k {
-                    layouts.push(layout.clone());
-                }
                 let page = in_quantity(&header, layout, &changes, image);
                 let file = OutputSet::group_page_name(k, &labels[g]);
                 write(&mut outputs, &file, &page, k, Some(&names[g]))?;
@@ -98,7 +94,7 @@ pub fn relight(settings: &RelightSettings, progress: &dyn Progress) -> Result<Re
     let mut pages = Vec::new();
     let mut warnings = Vec::new();
     clock.measure(Stage::Output, || {
-        for (k, (image, layout)) in relit.pages.iter().zip(&layouts).enumerate() {
+        for (k, (image, layout)) in relit.pages.iter().zip(&relit.layouts).enumerate() {
             let page = in_quantity(&header, layout, &changes, image.clone());
             write(&mut outputs, &OutputSet::page_name(k), &page, k, None)?;
             pages.push(page);

@@ -78,8 +78,8 @@ impl Results {
         Ok(Self { outputs, lit_scene })
     }
 
-    /// Writes pages of `irradiance`, the lit scene, what there is of groups and the report, and gives them their names in place of those that an
-    /// earlier state of the bake has left.
+    /// Writes pages of `irradiance`, the lit scene, what there is of groups and the report, and gives them their names in
+    /// place of those that an earlier state of the bake has left.
     pub(super) fn publish(
         &mut self,
         subject: &Subject,

@@ -34,12 +34,7 @@ pub(crate) fn run(options: &BakeArguments, console: Console, cancelled: &'static
         }
     }
     let folder = settings.output.folder;
-    console.event(&json!({
-        "event": "result",
-        "folder": folder.display().to_string(),
-        "outputs": report.outputs.iter().map(|name| folder.join(name).display().to_string()).collect::<Vec<_>>(),
-        "report": report,
-    }));
+    console.result(&folder, &report);
     if console.is_watched() {
         console.say(&format!(
             "{} texels on {} in {:.1} s: {}",

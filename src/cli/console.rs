@@ -1,9 +1,11 @@
 //! What the user sees: text on the standard error, JSON lines on the standard output.
 
 use super::args::SpeechArguments;
+use lightkiln::output::Report;
 use lightkiln::warning::Warning;
 use serde_json::{Value, json};
 use std::io::{self, IsTerminal, Write};
+use std::path::Path;
 
 /// Where messages go and which of them.
 #[derive(Clone, Copy, Debug)]
@@ -44,6 +46,17 @@ impl Console {
         if self.json {
             print_line(&event.to_string());
         }
+    }
+
+    /// The last JSON line of a bake or of relighting: where the results are, and the report.
+    pub(crate) fn result(&self, folder: &Path, report: &Report) {
+        let path = |name: &String| folder.join(name).display().to_string();
+        self.event(&json!({
+            "event": "result",
+            "folder": folder.display().to_string(),
+            "outputs": report.outputs.iter().map(path).collect::<Vec<_>>(),
+            "report": report,
+        }));
     }
 
     /// Text for people, if they want it.

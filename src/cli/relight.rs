@@ -5,7 +5,6 @@ use super::console::Console;
 use super::failure::Failure;
 use super::watch::Watch;
 use lightkiln::bake::relight;
-use serde_json::json;
 use std::sync::atomic::AtomicBool;
 
 /// Relights and says what came out.
@@ -16,12 +15,7 @@ pub(crate) fn run(options: &RelightArguments, console: Console, cancelled: &'sta
     drop(watch);
 
     let folder = settings.out();
-    console.event(&json!({
-        "event": "result",
-        "folder": folder.display().to_string(),
-        "outputs": report.outputs.iter().map(|name| folder.join(name).display().to_string()).collect::<Vec<_>>(),
-        "report": report,
-    }));
+    console.result(folder, &report);
     if console.is_watched() {
         let error = report.relight.as_ref().map_or(0.0, |r| r.expected_error);
         let beside = if error > 0.0 { format!(", expected error {:.1} %", 100.0 * error) } else { String::new() };

@@ -200,7 +200,8 @@ pub fn indirect(
 
 enum Outcome {
     Split(Vec<Cell>),
-    /// Texels with their irradiance, whole and by light group, and the sum of their squared errors as far as these are known.
+    /// Texels with their irradiance, whole and by light group, and the sum of their squared errors as far as these are
+    /// known.
     Done {
         values: Vec<(u32, Rgb)>,
         groups: Grouped,
@@ -413,11 +414,16 @@ impl State<'_> {
         (size, corners.map(|c| self.probe(c).distance).into_iter().fold(f32::INFINITY, f32::min))
     }
 
+    /// Mean irradiance of the corners, W/m², mean of channels.
+    fn mean(&self, corners: [u32; 4]) -> f32 {
+        corners.iter().map(|&c| self.probe(c).irradiance.element_sum() / 3.0).sum::<f32>() / 4.0
+    }
+
     /// By how much interpolation between the corners is expected to miss, W/m², mean of channels.
     fn expected_error(&self, parent: Option<&Rect>, corners: [u32; 4]) -> f32 {
         let probes = corners.map(|c| self.probe(c));
         let values = probes.map(|p| p.irradiance.element_sum() / 3.0);
-        let mean = values.iter().sum::<f32>() / 4.0;
+        let mean = self.mean(corners);
         let noise = probes.iter().map(|p| p.error).fold(0.0, f32::max);
         let low = values.iter().copied().fold(f32::INFINITY, f32::min);
         let high = values.iter().copied().fold(0.0, f32::max);
@@ -435,15 +441,14 @@ impl State<'_> {
 
     /// The same without the caution that makes cells fine in time.
     fn likely_error(&self, parent: Option<&Rect>, corners: [u32; 4]) -> f32 {
-        let mean = corners.iter().map(|&c| self.probe(c).irradiance.element_sum() / 3.0).sum::<f32>() / 4.0;
-        self.expected_error(parent, corners).min(MOST_OFF * mean)
+        self.expected_error(parent, corners).min(MOST_OFF * self.mean(corners))
     }
 
     /// True if interpolation between the corners is expected to stay within the tolerance.
     fn is_fine(&self, cell: &Cell, corners: [u32; 4], owned: &[(u32, Vec2)]) -> bool {
         let (source, settings) = (self.source, self.settings);
         let t = self.texels;
-        let mean = corners.iter().map(|&c| self.probe(c).irradiance.element_sum() / 3.0).sum::<f32>() / 4.0;
+        let mean = self.mean(corners);
         let direct = corners.map(|c| source.direct(c)).into_iter().fold(f32::INFINITY, f32::min);
         if self.expected_error(cell.parent.as_ref(), corners) > settings.tolerance * (mean + direct + settings.floor) {
             return false;
@@ -456,7 +461,7 @@ impl State<'_> {
             return false;
         }
         // Folds and steps in the surface show in normals and positions before they show in light.
-        let slack = 0.02 * reach + 0.25 * size / (cell.x[1] - cell.x[0]).max(cell.y[1] - cell.y[0]).max(1) as f32;
+        let slack = 0.02 * reach + 0.25 * size / cell.size().max(1) as f32;
         let blend = Blend::new(self, &Rect { x: cell.x, y: cell.y, corners });
         owned.iter().all(|&(texel, p)| {
             let n = blend.value(p, |k| t.shading_normal[corners[k] as usize]);

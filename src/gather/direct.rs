@@ -119,31 +119,33 @@ pub fn texel_direct(
     let mut first = vec![Visibility::default(); texels.len()];
     let mut noise = vec![0.0f64; texels.len().div_ceil(CHUNK)];
     for lamp in 0..count {
-        first.par_chunks_mut(CHUNK).enumerate().try_for_each(|(chunk, sums)| {
-            let mut cast = 0;
-            for (i, sum) in sums.iter_mut().enumerate() {
-                let texel = (chunk * CHUNK + i) as u32;
-                *sum = Visibility::default();
-                let Some(sender) = lamps.get(lamp, &footprint.centre(texel)) else { continue };
-                let point = |u| footprint.point(texel, u);
-                let base = if lamps.is_sky(lamp) {
-                    let free = unoccluded(sender, texels, footprint, texel);
-                    settings.sky(free.max_element(), yardstick(irradiance[texel as usize], mean))
-                } else {
-                    settings.base
-                };
-                cast += lamps.test(sender, hash2(texel, lamp as u32), base, point, sum);
-            }
-            rays.fetch_add(cast, Ordering::Relaxed);
-            counter.advance(sums.len())
-        })?;
+        // The first pass leaves in `part` what would arrive unblocked, the second what does arrive.
+        first.par_chunks_mut(CHUNK).zip(part.par_chunks_mut(CHUNK)).enumerate().try_for_each(
+            |(chunk, (sums, part))| {
+                let mut cast = 0;
+                for (i, (sum, free)) in sums.iter_mut().zip(part).enumerate() {
+                    let texel = (chunk * CHUNK + i) as u32;
+                    (*sum, *free) = (Visibility::default(), Rgb::ZERO);
+                    let Some(sender) = lamps.get(lamp, &footprint.centre(texel)) else { continue };
+                    *free = unoccluded(sender, texels, footprint, texel);
+                    let point = |u| footprint.point(texel, u);
+                    let base = if lamps.is_sky(lamp) {
+                        settings.sky(free.max_element(), yardstick(irradiance[texel as usize], mean))
+                    } else {
+                        settings.base
+                    };
+                    cast += lamps.test(sender, hash2(texel, lamp as u32), base, point, sum);
+                }
+                rays.fetch_add(cast, Ordering::Relaxed);
+                counter.advance(sums.len())
+            },
+        )?;
         part.par_chunks_mut(CHUNK).zip(&mut noise).enumerate().try_for_each(|(chunk, (out, noise))| {
             let mut cast = 0;
             for (i, e) in out.iter_mut().enumerate() {
                 let texel = (chunk * CHUNK + i) as u32;
-                *e = Rgb::ZERO;
+                let free = std::mem::take(e);
                 let Some(sender) = lamps.get(lamp, &footprint.centre(texel)) else { continue };
-                let free = unoccluded(sender, texels, footprint, texel);
                 if free.max_element() <= 0.0 && first[texel as usize].seen() == Seen::Never {
                     continue;
                 }

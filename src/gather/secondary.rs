@@ -80,6 +80,7 @@ pub(super) struct Senders {
 
 /// A point of a source that was drawn.
 pub(super) struct Sender {
+    pub(super) element: u32,
     pub(super) surfel: u32,
     pub(super) side: Side,
     /// Area that the point stands for, m².
@@ -134,20 +135,21 @@ impl Secondary {
         Senders { draw: Distribution::new(self.sources.iter().map(|s| f64::from(s.estimate(receiver)))) }
     }
 
-    /// A surfel drawn by `u` in 0..1 from what a receiver may see, where `radiance` is what surfels send, mean of
-    /// channels; none if the element sends nothing.
+    /// A surfel drawn by `u` in 0..1 from what a receiver may see, where `radiance` is what a surfel's side on an
+    /// element sends, mean of channels; none if the element sends nothing.
     pub(super) fn draw(
         &self,
         tree: &Hierarchy,
         surfels: &Surfels,
-        radiance: impl Fn(u32, Side) -> f32,
+        radiance: impl Fn(u32, Side, u32) -> f32,
         senders: &Senders,
         u: f32,
     ) -> Option<Sender> {
         let (source, within) = senders.draw.draw(u);
-        let element = &tree.elements[self.sources[source].element as usize];
+        let index = self.sources[source].element;
+        let element = &tree.elements[index as usize];
         // Shadows may cut an element: its surfels are drawn by what they send.
-        let power = |s: u32| surfels.area(s) * radiance(s, element.side);
+        let power = |s: u32| surfels.area(s) * radiance(s, element.side, index);
         let total: f32 = element.surfels.clone().map(power).sum();
         let mut left = within * total;
         let mut drawn = None;
@@ -163,7 +165,7 @@ impl Secondary {
         }
         let (surfel, power) = drawn?;
         let area = surfels.area(surfel) * total / (power * senders.draw.chance(source) as f32);
-        Some(Sender { surfel, side: element.side, area })
+        Some(Sender { element: index, surfel, side: element.side, area })
     }
 }
 

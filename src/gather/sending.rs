@@ -4,12 +4,11 @@ use super::footprint::Footprint;
 use super::lit_scene::LitScene;
 use super::secondary::Receiver;
 use super::source::Source;
-use super::tally::{Sums, Tally};
+use super::tally::Sums;
 use crate::accel::{Ray, offset_origin};
 use crate::hierarchy::Side;
 use crate::math::Sequence;
 use crate::scene::Rgb;
-use half::f16;
 
 /// Bounds of the rays of a texel to secondary sources.
 const FEWEST_SENT: u32 = 4;
@@ -44,13 +43,12 @@ impl Source<'_> {
         // The error of stratified visibility falls as n^(−3/4).
         let wanted = (0.5 * total / tolerance.max(f32::MIN_POSITIVE)).powf(4.0 / 3.0);
         let (mut sum, mut open, mut blocked) = (Rgb::ZERO, 0, 0);
-        let radiance = |s: u32, side: Side| match (side, hierarchy.element_of(s, side)) {
-            (Side::Back, Some(e)) => self.elements[e as usize],
-            _ => Rgb::from_array(self.front[s as usize].map(f16::to_f32)),
-        };
+        // Only of fronts is more known than the element's mean.
+        let own = |surfel, side| (side == Side::Front).then_some(surfel);
+        let level =
+            |surfel, side, element| self.sent(own(surfel, side), element, Rgb::ONE, &mut ()).element_sum() / 3.0;
         let sequence = Sequence::new(0x5ec0);
         let cast = |i: u32| {
-            let level = |s: u32, side: Side| radiance(s, side).element_sum() / 3.0;
             let Some(sender) = secondary.draw(hierarchy, surfels, level, &senders, sequence.first(i).x) else { return };
             let from = footprint.point(texel, sequence.second(i));
             let normal = hierarchy.normal(surfels, sender.surfel, sender.side);
@@ -70,14 +68,9 @@ impl Source<'_> {
             }
             open += 1;
             let factor = receives * sends * sender.area / (distance * distance);
-            sum += passed * radiance(sender.surfel, sender.side) * factor;
-            if !groups.is_empty() {
-                let parts = match (sender.side, hierarchy.element_of(sender.surfel, sender.side)) {
-                    (Side::Back, Some(element)) => self.parts.element(element),
-                    _ => self.parts.front(sender.surfel),
-                };
-                Sums(groups).reflected(passed * factor, parts);
-            }
+            let surfel = own(sender.surfel, sender.side);
+            let radiance = self.sent(surfel, sender.element, passed * factor, &mut Sums(groups));
+            sum += passed * radiance * factor;
         };
         let rays = (wanted as u32).clamp(FEWEST_SENT, MOST_SENT);
         (0..rays).for_each(cast);

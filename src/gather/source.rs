@@ -98,13 +98,13 @@ pub struct Source<'a> {
     /// What is sent to probes.
     pub(super) secondary: Option<Secondary>,
     /// Reflected radiance of every surfel's front, W/(m²·sr).
-    pub(super) front: Vec<[f16; 3]>,
+    front: Vec<[f16; 3]>,
     /// Reflected radiance of every element, W/(m²·sr).
-    pub(super) elements: Vec<Rgb>,
+    elements: Vec<Rgb>,
     /// Area of every element, m².
     areas: Vec<f32>,
     /// As `front` and `elements`, by light group.
-    pub(super) parts: Parts,
+    parts: Parts,
 }
 
 /// Radiance that a surfel reflects of irradiance `e`, as far as halves can hold it.
@@ -350,16 +350,19 @@ impl<'a> Source<'a> {
         let footprint = solid_angle * distance * distance / place.cosine.max(0.05);
         // The ray stands for a patch of the surface: its mean is what the ray should bring, not one texel of it.
         let is_wide = footprint > self.areas[element] && place.receiver == place.element;
-        if place.side == Side::Back || is_wide {
-            if T::COUNTS {
-                tally.reflected(weight, self.parts.element(place.element));
-            }
-            self.elements[element]
-        } else {
-            if T::COUNTS {
-                tally.reflected(weight, self.parts.front(place.surfel));
-            }
-            Rgb::from_array(self.front[place.surfel as usize].map(f16::to_f32))
+        let surfel = (place.side == Side::Front && !is_wide).then_some(place.surfel);
+        self.sent(surfel, place.element, weight, tally)
+    }
+
+    /// What the front of a surfel reflects, or the whole element, W/(m²·sr). The tally gets `weight` times that.
+    pub(super) fn sent<T: Tally>(&self, surfel: Option<u32>, element: u32, weight: Rgb, tally: &mut T) -> Rgb {
+        if T::COUNTS {
+            let parts = surfel.map_or_else(|| self.parts.element(element), |s| self.parts.front(s));
+            tally.reflected(weight, parts);
+        }
+        match surfel {
+            Some(s) => Rgb::from_array(self.front[s as usize].map(f16::to_f32)),
+            None => self.elements[element as usize],
         }
     }
 

@@ -65,11 +65,7 @@ impl PageLayout {
 
     /// The same with what the texels reflect.
     pub fn with_reflectance(mut self, scene: &Scene, atlas: &Atlas, texels: &Texels, page: usize) -> Self {
-        let material = |t: u32| {
-            let instance = atlas.charts[texels.chart[t as usize] as usize].instance;
-            let mesh = &scene.meshes[scene.instances[instance].mesh];
-            mesh.primitive_of(texels.triangles_of(t)[0] as usize).material as u32
-        };
+        let material = |t: u32| texels.material(scene, atlas, t) as u32;
         let map = &texels.pages[page].texel;
         let texel = |&i: &u32| Some(map[i as usize]).filter(|&t| t != NO_TEXEL);
         self.material = self.places.iter().map(|i| texel(i).map_or(0, material)).collect();

@@ -12,6 +12,9 @@ use lightkiln::atlas::{AtlasError, AtlasSettings, Unwrapper, UvMode, build, rast
 use lightkiln::progress::{Cancelled, Progress, Silent, Stage};
 use lightkiln::scene::{LightmapRequest, Scene};
 use scenes::{mesh, quad, scene, zoo};
+use std::sync::mpsc;
+use std::thread;
+use std::time::Duration;
 
 #[test]
 fn repeats_are_identical_on_any_number_of_threads() {
@@ -86,4 +89,23 @@ fn cancelling_ends_it() {
     }
     let (atlas, _) = build(&s, &keep(8), &Silent).expect("the scene can be laid out");
     assert_eq!(rasterise(&s, &atlas, &Impatient), Err(Cancelled));
+}
+
+/// xatlas sometimes waits for ever when it ends its threads, the likelier the less there was to do; see its module.
+#[test]
+fn thousands_of_small_atlases_come_to_an_end() {
+    let (sender, receiver) = mpsc::channel();
+    for _ in 0..4 {
+        let sender = sender.clone();
+        thread::spawn(move || {
+            let s = scene(vec![(quad(Vec2::ZERO, Vec2::ONE), vec![Affine3A::IDENTITY])]);
+            for _ in 0..5000 {
+                bake(&s, &AtlasSettings { resolution: Some(8), ..auto(Unwrapper::Xatlas) });
+                sender.send(()).expect("the test waits for all");
+            }
+        });
+    }
+    for made in 0..20_000 {
+        assert!(receiver.recv_timeout(Duration::from_secs(60)).is_ok(), "nothing comes after {made} atlases");
+    }
 }
