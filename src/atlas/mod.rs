@@ -25,7 +25,7 @@ mod xatlas;
 pub use build::{AtlasError, AtlasSettings, Unwrapper, UvMode, build};
 pub use image::PageImage;
 pub use rasterise::rasterise;
-pub use texels::{NO_TEXEL, PageTexels, SurfacePoint, Texels};
+pub use texels::{NO_TEXEL, PageTexels, SurfacePoint, TexelSurface, Texels};
 
 use glam::Vec2;
 use std::ops::Range;

@@ -3,6 +3,7 @@
 use super::{Atlas, Layout, SurfacePoint};
 use crate::scene::{Mesh, Scene};
 use glam::{Mat3, Vec2, Vec3};
+use std::ops::{Add, Mul};
 
 /// A point this far (texels) outside a triangle still counts as on it, so that rounding opens no gap between two.
 const EDGE_TOLERANCE: f32 = 1e-3;
@@ -31,15 +32,7 @@ impl<'a> Surface<'a> {
 
     /// Barycentrics (of the 2nd and 3rd corner) of page coordinate `p` in a triangle, none if it lies outside.
     pub(super) fn barycentric(&self, triangle: u32, p: Vec2) -> Option<Vec2> {
-        let corners = self.layout.corners[triangle as usize].map(|q| q - p);
-        let areas = corner_areas(corners);
-        for (i, area) in areas.into_iter().enumerate() {
-            let side = corners[(i + 2) % 3] - corners[(i + 1) % 3];
-            if area < 0.0 && area * area > EDGE_TOLERANCE * EDGE_TOLERANCE * side.length_squared() {
-                return None;
-            }
-        }
-        normalised(areas)
+        barycentric(self.layout.corners[triangle as usize], p)
     }
 
     /// Barycentrics of `p`, moved inside the triangle if it lies slightly outside; its middle if it has no area.
@@ -59,15 +52,6 @@ impl<'a> Surface<'a> {
         [Vec2::new(v.y, -u.y) / doubled, Vec2::new(-v.x, u.x) / doubled]
     }
 
-    /// Value of a vertex attribute at barycentrics of a triangle.
-    pub(super) fn interpolated<T>(&self, attribute: &[T], triangle: u32, barycentric: Vec2) -> T
-    where
-        T: Copy + std::ops::Mul<f32, Output = T> + std::ops::Add<Output = T>,
-    {
-        let [a, b, c] = self.mesh.triangles[triangle as usize].map(|v| attribute[v as usize]);
-        a * (1.0 - barycentric.x - barycentric.y) + b * barycentric.x + c * barycentric.y
-    }
-
     /// World area (m²) of the triangle's surface in one texel's square; zero if it has no area on its page.
     pub(super) fn area_per_texel(&self, triangle: u32) -> f32 {
         let [a, b, c] = self.layout.corners[triangle as usize].map(|q| q.as_dvec2());
@@ -79,14 +63,18 @@ impl<'a> Surface<'a> {
 
     /// The surface point at barycentrics of the 2nd and 3rd corner.
     pub(super) fn point(&self, triangle: u32, barycentric: Vec2) -> SurfacePoint {
+        self.face(triangle).point(barycentric)
+    }
+
+    /// A triangle with all that its points need.
+    pub(super) fn face(&self, triangle: u32) -> Face {
         let corners = self.scene.corners(self.instance, triangle as usize);
-        let weights = Vec3::new(1.0 - barycentric.x - barycentric.y, barycentric.x, barycentric.y);
-        let geometric_normal = self.front(corners);
-        let shading = self.interpolated(&self.mesh.normals, triangle, barycentric);
-        SurfacePoint {
-            position: corners[0] * weights.x + corners[1] * weights.y + corners[2] * weights.z,
-            geometric_normal,
-            shading_normal: on_side_of(geometric_normal, self.cofactor * shading),
+        Face {
+            outline: self.layout.corners[triangle as usize],
+            corners,
+            normals: self.mesh.triangles[triangle as usize].map(|v| self.mesh.normals[v as usize]),
+            geometric_normal: self.front(corners),
+            cofactor: self.cofactor,
         }
     }
 
@@ -95,6 +83,52 @@ impl<'a> Surface<'a> {
         let n = (b - a).cross(c - a).normalize_or_zero();
         if self.flips { -n } else { n }
     }
+}
+
+/// One triangle of a surface.
+pub(super) struct Face {
+    /// Page coordinates of its corners.
+    outline: [Vec2; 3],
+    /// World-space corners.
+    corners: [Vec3; 3],
+    /// Mesh-space normals.
+    normals: [Vec3; 3],
+    geometric_normal: Vec3,
+    cofactor: Mat3,
+}
+
+impl Face {
+    /// Its point at page coordinate `p`, none if that lies outside.
+    pub(super) fn at(&self, p: Vec2) -> Option<SurfacePoint> {
+        barycentric(self.outline, p).map(|b| self.point(b))
+    }
+
+    /// Its point at barycentrics of the 2nd and 3rd corner.
+    fn point(&self, barycentric: Vec2) -> SurfacePoint {
+        SurfacePoint {
+            position: weighted(self.corners, barycentric),
+            geometric_normal: self.geometric_normal,
+            shading_normal: on_side_of(self.geometric_normal, self.cofactor * weighted(self.normals, barycentric)),
+        }
+    }
+}
+
+/// The mean of three by barycentrics of the 2nd and 3rd.
+fn weighted<T: Copy + Mul<f32, Output = T> + Add<Output = T>>([a, b, c]: [T; 3], barycentric: Vec2) -> T {
+    a * (1.0 - barycentric.x - barycentric.y) + b * barycentric.x + c * barycentric.y
+}
+
+/// Barycentrics (of the 2nd and 3rd corner) of `p` in a triangle, none if it lies outside.
+fn barycentric(outline: [Vec2; 3], p: Vec2) -> Option<Vec2> {
+    let corners = outline.map(|q| q - p);
+    let areas = corner_areas(corners);
+    for (i, area) in areas.into_iter().enumerate() {
+        let side = corners[(i + 2) % 3] - corners[(i + 1) % 3];
+        if area < 0.0 && area * area > EDGE_TOLERANCE * EDGE_TOLERANCE * side.length_squared() {
+            return None;
+        }
+    }
+    normalised(areas)
 }
 
 /// `n` as a unit vector on the side of unit vector `side`; `side` itself where `n` is tangential or zero.

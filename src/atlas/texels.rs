@@ -1,7 +1,7 @@
 //! Lightmap texels as surface elements (surfels).
 
 use super::Atlas;
-use super::surface::Surface;
+use super::surface::{Face, Surface};
 use crate::scene::{Rgb, Scene};
 use glam::{Vec2, Vec3};
 use std::ops::Range;
@@ -98,15 +98,33 @@ impl Texels {
         mesh.primitive_of(self.triangles_of(texel)[0] as usize).material
     }
 
-    /// The surface point at `offset` (0..1 on both axes) inside the texel's square, none where the chart does not
-    /// cover it. `scene` and `atlas` are those that the texels were rasterised from.
-    pub fn sample(&self, scene: &Scene, atlas: &Atlas, texel: u32, offset: Vec2) -> Option<SurfacePoint> {
-        let [x, y] = self.pixel[texel as usize];
-        let p = Vec2::new(f32::from(x), f32::from(y)) + offset;
+    /// The surface under one texel. `scene` and `atlas` are those that the texels were rasterised from.
+    pub fn surface<'a>(&'a self, scene: &'a Scene, atlas: &'a Atlas, texel: u32) -> TexelSurface<'a> {
+        let corner = self.pixel[texel as usize].map(f32::from).into();
         let instance = atlas.charts[self.chart[texel as usize] as usize].instance;
-        let surface = Surface::new(scene, atlas, instance)?;
-        let hit = |&triangle: &u32| surface.barycentric(triangle, p).map(|b| surface.point(triangle, b));
-        self.triangles_of(texel).iter().find_map(hit)
+        let surface = Surface::new(scene, atlas, instance).expect("texels belong to instances with a lightmap");
+        let (&first, others) = self.triangles_of(texel).split_first().expect("a triangle covers every texel");
+        TexelSurface { corner, first: surface.face(first), others, surface }
+    }
+}
+
+/// The surface under one texel, ready to be sampled often.
+pub struct TexelSurface<'a> {
+    /// Page coordinate of the texel's corner.
+    corner: Vec2,
+    surface: Surface<'a>,
+    /// The triangle that covers most of it.
+    first: Face,
+    others: &'a [u32],
+}
+
+impl TexelSurface<'_> {
+    /// The surface point at `offset` (0..1 on both axes) inside the texel's square, none where the chart does not cover
+    /// it.
+    pub fn sample(&self, offset: Vec2) -> Option<SurfacePoint> {
+        let p = self.corner + offset;
+        let other = |&triangle: &u32| self.surface.barycentric(triangle, p).map(|b| self.surface.point(triangle, b));
+        self.first.at(p).or_else(|| self.others.iter().find_map(other))
     }
 }
 

@@ -1,9 +1,8 @@
 //! The part of a texel's square that its value is the mean of: covered by the chart, and not inside other geometry.
 
 use crate::accel::{Accel, Ray, offset_origin};
-use crate::atlas::{Atlas, SurfacePoint, Texels};
+use crate::atlas::{Atlas, SurfacePoint, TexelSurface, Texels};
 use crate::math::{hash2, orthonormal_basis, unit_float};
-use crate::scene::Scene;
 use glam::{Vec2, Vec3};
 
 /// Cells along a side of the square.
@@ -18,9 +17,8 @@ const MOST_OF_THEM: usize = 6;
 
 /// The usable part of one texel.
 pub(super) struct Footprint<'a> {
-    scene: &'a Scene,
-    atlas: &'a Atlas,
     texels: &'a Texels,
+    surface: TexelSurface<'a>,
     pub(super) texel: u32,
     /// Usable cells, row by row from 0.
     cells: Vec<u32>,
@@ -28,7 +26,8 @@ pub(super) struct Footprint<'a> {
 
 impl<'a> Footprint<'a> {
     pub(super) fn new(accel: &Accel<'a>, atlas: &'a Atlas, texels: &'a Texels, texel: u32) -> Self {
-        let mut footprint = Self { scene: accel.scene(), atlas, texels, texel, cells: Vec::new() };
+        let surface = texels.surface(accel.scene(), atlas, texel);
+        let mut footprint = Self { texels, surface, texel, cells: Vec::new() };
         let covered: Vec<(u32, SurfacePoint)> =
             (0..GRID * GRID).filter_map(|cell| footprint.inside_cell(cell).map(|point| (cell, point))).collect();
         let free = covered.iter().filter(|(_, point)| !is_inside(accel, point)).map(|&(cell, _)| cell);
@@ -49,7 +48,7 @@ impl<'a> Footprint<'a> {
             let along = u.x * count as f32;
             let index = (along as usize).min(count - 1);
             let inside = Vec2::new((along - index as f32).min(1.0), u.y);
-            if let Some(point) = self.sample((corner(self.cells[index]) + inside) / GRID as f32) {
+            if let Some(point) = self.surface.sample((corner(self.cells[index]) + inside) / GRID as f32) {
                 return point;
             }
             u = Vec2::new(unit_float(hash2(seed, 2 * draw)), unit_float(hash2(seed, 2 * draw + 1)));
@@ -65,14 +64,10 @@ impl<'a> Footprint<'a> {
     /// The chart's point nearest to the middle of a cell, none if the chart does not reach into it.
     fn inside_cell(&self, cell: u32) -> Option<SurfacePoint> {
         let middle = (corner(cell) + 0.5) / GRID as f32;
-        self.sample(middle).or_else(|| {
+        self.surface.sample(middle).or_else(|| {
             let place = |i: u32| Vec2::new((i % POINTS) as f32 + 0.5, (i / POINTS) as f32 + 0.5) / POINTS as f32;
-            (0..POINTS * POINTS).find_map(|i| self.sample((corner(cell) + place(i)) / GRID as f32))
+            (0..POINTS * POINTS).find_map(|i| self.surface.sample((corner(cell) + place(i)) / GRID as f32))
         })
-    }
-
-    fn sample(&self, offset: Vec2) -> Option<SurfacePoint> {
-        self.texels.sample(self.scene, self.atlas, self.texel, offset)
     }
 }
 

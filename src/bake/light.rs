@@ -4,8 +4,8 @@ use super::observer::{Counts, FoundSoFar, Observer, REFINE, Refinement, Solution
 use crate::accel::Accel;
 use crate::atlas::{Atlas, Texels};
 use crate::gather::{
-    self, CellSettings, Direct, DirectSettings, Emission, Footprint, GatherStart, Gathering, Grouped, Lamp, Lamps,
-    Lightmap, LitScene, Portals, ProbeSettings, Smooth, Source,
+    self, CellSettings, Direct, DirectSettings, Emission, Footprint, GatherStart, Gathering, Grouped, Indirect, Lamp,
+    Lamps, Lightmap, LitScene, Portals, ProbeSettings, Smooth, Source,
 };
 use crate::hierarchy::{self, Hierarchy, Side, Surface, Surfels};
 use crate::output::report::StageClock;
@@ -164,27 +164,9 @@ pub fn light(
     let (mut lightmap, mut state) = draft(Milestone::Final, &indirect.irradiance, indirect.squared_error);
     lightmap.direct_groups.clone_from(&direct.groups);
 
-    // What an audit finds wanting is gathered again, more finely.
     let probes = std::mem::take(&mut indirect.probes);
-    while let Some(Refinement { tiles, error }) = observer.judge(&lightmap, &probes, &counts)? {
-        let mut wanted = vec![false; texels.len()];
-        tiles.into_iter().for_each(|tile| wanted[tile.start as usize..tile.end as usize].fill(true));
-        let settings = DirectSettings::for_error(error);
-        let (own, own_groups) = (&mut lightmap.direct, &mut lightmap.direct_groups);
-        let cast = clock.measure(Stage::Direct, || {
-            gather::closer_direct(&lamps, texels, &footprint, &settings, &wanted, own, own_groups, progress)
-        })?;
-        let kept = 1.0 - wanted.iter().filter(|&&w| w).count() as f64 / texels.len() as f64;
-        let squares = kept * indirect.squared_error;
-        let (irradiance, groups) = (indirect.irradiance, indirect.groups);
-        let start = GatherStart { irradiance, groups, wanted, probes: Vec::new() };
-        indirect = clock.measure(Stage::Gather, || {
-            let settings = cell_settings(error, floor);
-            gather::indirect(&source, atlas, texels, &footprint, &settings, start, &mut |_| (), progress)
-        })?;
-        indirect.squared_error += squares;
-        *counts.rays.entry(REFINE.into()).or_default() += cast + indirect.rays;
-        counts.solver.probes += indirect.probes.len() as u64;
+    while let Some(refinement) = observer.judge(&lightmap, &probes, &counts)? {
+        indirect = gather_again(&source, &refinement, floor, indirect, &mut lightmap, &mut counts, clock, progress)?;
         state = draft(Milestone::Final, &indirect.irradiance, indirect.squared_error).1;
         lightmap.combined = lightmap.direct.iter().zip(&indirect.irradiance).map(|(&d, &i)| d + i).collect();
     }
@@ -236,6 +218,37 @@ fn solution(
     counts.rays.insert("survey".into(), survey.rays + (BACK_RAYS as usize * tree.elements.len()) as u64);
     counts.rays.insert("bounce".into(), bounce.rays);
     Ok(Solution { backs, bounce, counts })
+}
+
+/// What an audit finds wanting, gathered more finely: the lightmap's direct light in place, the rest anew from what it was.
+fn gather_again(
+    source: &Source,
+    refinement: &Refinement,
+    floor: f32,
+    before: Indirect,
+    lightmap: &mut Lightmap,
+    counts: &mut Counts,
+    clock: &StageClock,
+    progress: &dyn Progress,
+) -> Result<Indirect, Cancelled> {
+    let LitScene { atlas, surfels, footprint, lamps, .. } = source.lit;
+    let (texels, error) = (surfels.texels, refinement.error);
+    let mut wanted = vec![false; texels.len()];
+    refinement.tiles.iter().for_each(|tile| wanted[tile.start as usize..tile.end as usize].fill(true));
+    let settings = DirectSettings::for_error(error);
+    let (own, own_groups) = (&mut lightmap.direct, &mut lightmap.direct_groups);
+    let cast = clock.measure(Stage::Direct, || {
+        gather::closer_direct(lamps, texels, footprint, &settings, &wanted, own, own_groups, progress)
+    })?;
+    let kept = 1.0 - wanted.iter().filter(|&&w| w).count() as f64 / texels.len() as f64;
+    let start = GatherStart { irradiance: before.irradiance, groups: before.groups, wanted, probes: Vec::new() };
+    let mut indirect = clock.measure(Stage::Gather, || {
+        gather::indirect(source, atlas, texels, footprint, &cell_settings(error, floor), start, &mut |_| (), progress)
+    })?;
+    indirect.squared_error += kept * before.squared_error;
+    *counts.rays.entry(REFINE.into()).or_default() += cast + indirect.rays;
+    counts.solver.probes += indirect.probes.len() as u64;
+    Ok(indirect)
 }
 
 /// How finely the final gather works for a relative error of the lightmap.

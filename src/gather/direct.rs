@@ -128,7 +128,11 @@ pub fn texel_direct(
                     (*sum, *free) = (Visibility::default(), Rgb::ZERO);
                     let Some(sender) = lamps.get(lamp, &footprint.centre(texel)) else { continue };
                     *free = unoccluded(sender, texels, footprint, texel);
-                    let point = |u| footprint.point(texel, u);
+                    if *free == Rgb::ZERO {
+                        continue;
+                    }
+                    let usable = footprint.usable(texel);
+                    let point = |u| usable.point(u);
                     let base = if lamps.is_sky(lamp) {
                         settings.sky(free.max_element(), yardstick(irradiance[texel as usize], mean))
                     } else {
@@ -146,12 +150,13 @@ pub fn texel_direct(
                 let texel = (chunk * CHUNK + i) as u32;
                 let free = std::mem::take(e);
                 let Some(sender) = lamps.get(lamp, &footprint.centre(texel)) else { continue };
-                if free.max_element() <= 0.0 && first[texel as usize].seen() == Seen::Never {
+                if free == Rgb::ZERO {
                     continue;
                 }
                 let mut sum = first[texel as usize];
                 if sum.seen() == Seen::Part || disagrees(atlas, texels, &first, texel) {
-                    let point = |u| footprint.point(texel, u);
+                    let usable = footprint.usable(texel);
+                    let point = |u| usable.point(u);
                     let seed = hash2(texel, lamp as u32);
                     let edge = CLOSER * sum.tried;
                     cast += lamps.test(sender, seed, edge, point, &mut sum);
@@ -193,11 +198,12 @@ pub fn closer_direct(
         let texel = t as u32;
         let mut cast = 0;
         let mut sum = Rgb::ZERO;
+        let usable = footprint.usable(texel);
         row.fill(Rgb::ZERO);
         for lamp in 0..lamps.len() {
             let Some(sender) = lamps.get(lamp, &footprint.centre(texel)) else { continue };
             let free = unoccluded(sender, texels, footprint, texel);
-            let (point, seed) = (|u| footprint.point(texel, u), hash2(texel, lamp as u32));
+            let (point, seed) = (|u| usable.point(u), hash2(texel, lamp as u32));
             let mut look = Visibility::default();
             cast += lamps.test(sender, seed, MANY * settings.base, point, &mut look);
             if look.seen() == Seen::Part {
@@ -237,8 +243,8 @@ fn unoccluded(lamp: &Lamp, texels: &Texels, footprint: &Footprint, texel: u32) -
     if !footprint.is_bent(texel) && lamp.distance(centre.position) > NEAR * texels.area[texel as usize].sqrt() {
         return at(centre);
     }
-    let sequence = Sequence::new(hash2(texel, 0x0ea7));
-    (0..NEAR_SAMPLES).map(|i| at(footprint.point(texel, sequence.first(i)))).sum::<Rgb>() / NEAR_SAMPLES as f32
+    let (usable, sequence) = (footprint.usable(texel), Sequence::new(hash2(texel, 0x0ea7)));
+    (0..NEAR_SAMPLES).map(|i| at(usable.point(sequence.first(i)))).sum::<Rgb>() / NEAR_SAMPLES as f32
 }
 
 /// True if a neighbour on the same chart sees the lamp differently. Looking no farther than next door would leave many

@@ -2,7 +2,7 @@
 
 use super::obstacles::{Facts, GRID, MARGIN, View};
 use crate::accel::Accel;
-use crate::atlas::{Atlas, SurfacePoint, Texels};
+use crate::atlas::{Atlas, SurfacePoint, TexelSurface, Texels};
 use crate::math::shifted;
 use crate::progress::{Cancelled, Progress};
 use crate::scene::Scene;
@@ -125,29 +125,11 @@ impl<'a> Footprint<'a> {
         &self.open
     }
 
-    /// A point of the texel's usable part from `u` in the unit square; uniform over it.
-    pub fn point(&self, texel: u32, u: Vec2) -> SurfacePoint {
-        // Points on a chart's very border lie on the neighbouring surface as well.
-        let u = u * (1.0 - 2.0 * MARGIN) + MARGIN;
+    /// The usable part of a texel.
+    pub fn usable(&self, texel: u32) -> Usable<'_> {
         let mask = self.cells[texel as usize];
-        if mask == 0 {
-            return self.centre(texel);
-        }
-        let place = |u: Vec2| {
-            // The u.x axis runs through the set cells, its remainder and u.y place the point in the cell.
-            let count = mask.count_ones();
-            let scaled = u.x * count as f32;
-            let index = (scaled as u32).min(count - 1);
-            let bit = nth_set_bit(mask, index);
-            let corner = Vec2::new((bit % GRID) as f32, (bit / GRID) as f32);
-            (corner + Vec2::new(scaled - index as f32, u.y)) / GRID as f32
-        };
-        let on_chart = |u: Vec2| {
-            let offset = if mask == u16::MAX { u } else { place(u) };
-            self.texels.sample(self.scene, self.atlas, texel, offset)
-        };
-        // Where the chart's border cuts a cell, points beyond it are drawn again, by a low-discrepancy shift.
-        (0..TRIES).find_map(|i| on_chart(shifted(u, i))).unwrap_or_else(|| self.centre(texel))
+        let surface = (mask != 0).then(|| self.texels.surface(self.scene, self.atlas, texel));
+        Usable { mask, surface, centre: self.centre(texel) }
     }
 
     /// True if the surface bends within the texel, so that its middle does not stand for all of it.
@@ -163,6 +145,35 @@ impl<'a> Footprint<'a> {
             geometric_normal: self.texels.geometric_normal[t],
             shading_normal: self.texels.shading_normal[t],
         }
+    }
+}
+
+/// The part of a texel that can be lit.
+pub struct Usable<'a> {
+    /// Its cells.
+    mask: u16,
+    surface: Option<TexelSurface<'a>>,
+    centre: SurfacePoint,
+}
+
+impl Usable<'_> {
+    /// A point from `u` in the unit square, uniform over the part.
+    pub fn point(&self, u: Vec2) -> SurfacePoint {
+        let Some(surface) = &self.surface else { return self.centre };
+        // Points on a chart's very border lie on the neighbouring surface as well.
+        let u = u * (1.0 - 2.0 * MARGIN) + MARGIN;
+        let place = |u: Vec2| {
+            // The u.x axis runs through the set cells, its remainder and u.y place the point in the cell.
+            let count = self.mask.count_ones();
+            let scaled = u.x * count as f32;
+            let index = (scaled as u32).min(count - 1);
+            let bit = nth_set_bit(self.mask, index);
+            let corner = Vec2::new((bit % GRID) as f32, (bit / GRID) as f32);
+            (corner + Vec2::new(scaled - index as f32, u.y)) / GRID as f32
+        };
+        let on_chart = |u: Vec2| surface.sample(if self.mask == u16::MAX { u } else { place(u) });
+        // Where the chart's border cuts a cell, points beyond it are drawn again, by a low-discrepancy shift.
+        (0..TRIES).find_map(|i| on_chart(shifted(u, i))).unwrap_or(self.centre)
     }
 }
 

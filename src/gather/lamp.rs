@@ -266,6 +266,7 @@ impl Lamp {
             }
             Shape::Region(region) => region.unoccluded(n),
             Shape::Portal(portal) => portal.unoccluded(p, n),
+            Shape::Triangles { centre, radius, .. } if n.dot(*centre - p) <= -radius => Rgb::ZERO,
             Shape::Triangles { triangles, .. } => triangles.iter().map(|t| t.unoccluded(p, n)).sum(),
         }
     }

@@ -1,7 +1,7 @@
 //! What covers, crosses or parts a texel, or encloses it: found by short rays from the texel.
 
 use crate::accel::{Accel, Ray, offset_origin};
-use crate::atlas::{Atlas, SurfacePoint, Texels};
+use crate::atlas::{Atlas, SurfacePoint, TexelSurface, Texels};
 use crate::math::orthonormal_basis;
 use crate::scene::Scene;
 use glam::{Vec2, Vec3};
@@ -59,11 +59,12 @@ impl<'a> View<'a> {
         let t = texel as usize;
         let (position, normal) = (self.texels.position[t], self.texels.geometric_normal[t]);
         let width = self.texels.area[t].sqrt();
-        let (on_chart, bent) = self.outline(texel);
+        let surface = self.texels.surface(self.accel.scene(), self.atlas, texel);
+        let (on_chart, bent) = self.outline(&surface, texel);
         let near = near_surface(self.accel, position, normal, width);
         let (mut cells, mut hidden) = (on_chart, false);
         if self.has_solids && (near || is_inside(self.accel, position, normal)) {
-            let free = self.free_cells(texel, on_chart);
+            let free = self.free_cells(&surface, on_chart);
             hidden = on_chart != 0 && free == 0;
             cells = if free == 0 { on_chart } else { free };
         }
@@ -71,7 +72,8 @@ impl<'a> View<'a> {
             let open = if is_covered(self.accel, position, normal, width) { 0.0 } else { 1.0 };
             return Facts { cells, bent, hidden, open, parted: false, crossed: false };
         }
-        let (open, parted, crossed) = (self.open_share(texel, width), self.is_parted(texel), self.is_crossed(texel));
+        let (open, parted, crossed) =
+            (self.open_share(&surface, width), self.is_parted(texel), self.is_crossed(&surface, texel));
         Facts { cells, bent, hidden, open, parted, crossed }
     }
 
@@ -84,12 +86,8 @@ impl<'a> View<'a> {
         Facts { cells: u16::MAX, bent: false, hidden, open, parted: false, crossed: false }
     }
 
-    fn sample(&self, texel: u32, offset: Vec2) -> Option<SurfacePoint> {
-        self.texels.sample(self.accel.scene(), self.atlas, texel, offset)
-    }
-
     /// The cells that the chart covers, in part or wholly, and whether the surface bends over them.
-    fn outline(&self, texel: u32) -> (u16, bool) {
+    fn outline(&self, surface: &TexelSurface, texel: u32) -> (u16, bool) {
         let whole = self.texels.coverage[texel as usize] > 0.999;
         let middle = self.texels.shading_normal[texel as usize];
         // Cells are looked at at their corners and middles; of a wholly covered texel only its corners matter.
@@ -98,8 +96,7 @@ impl<'a> View<'a> {
         for y in 0..=steps {
             for x in 0..=steps {
                 let offset = Vec2::new(x as f32, y as f32) / steps as f32;
-                let Some(point) = self.sample(texel, offset.clamp(Vec2::splat(MARGIN), Vec2::splat(1.0 - MARGIN)))
-                else {
+                let Some(point) = surface.sample(offset.clamp(Vec2::splat(MARGIN), Vec2::splat(1.0 - MARGIN))) else {
                     continue;
                 };
                 bent |= point.shading_normal.dot(middle) < COS_BENT;
@@ -118,20 +115,19 @@ impl<'a> View<'a> {
     }
 
     /// The cells among `on_chart` that are not inside other geometry.
-    fn free_cells(&self, texel: u32, on_chart: u16) -> u16 {
+    fn free_cells(&self, surface: &TexelSurface, on_chart: u16) -> u16 {
         (0..GRID * GRID)
             .filter(|&bit| on_chart >> bit & 1 == 1)
             .filter(|&bit| {
-                let point = self.sample(texel, cell_centre(bit));
+                let point = surface.sample(cell_centre(bit));
                 point.is_none_or(|p| !is_inside(self.accel, p.position, p.geometric_normal))
             })
             .fold(0, |mask, bit| mask | 1 << bit)
     }
 
     /// Share of a texel that nothing stands on.
-    fn open_share(&self, texel: u32, width: f32) -> f32 {
-        let points: Vec<SurfacePoint> =
-            (0..GRID * GRID).filter_map(|bit| self.sample(texel, cell_centre(bit))).collect();
+    fn open_share(&self, surface: &TexelSurface, width: f32) -> f32 {
+        let points: Vec<SurfacePoint> = (0..GRID * GRID).filter_map(|bit| surface.sample(cell_centre(bit))).collect();
         let is_covered =
             |p: &&SurfacePoint| is_covered(self.accel, p.position, p.geometric_normal, width / GRID as f32);
         1.0 - points.iter().filter(is_covered).count() as f32 / points.len().max(1) as f32
@@ -151,12 +147,12 @@ impl<'a> View<'a> {
     }
 
     /// True if geometry stands between the texel's middle and its border.
-    fn is_crossed(&self, texel: u32) -> bool {
+    fn is_crossed(&self, surface: &TexelSurface, texel: u32) -> bool {
         let t = texel as usize;
         let centre = offset_origin(self.texels.position[t], self.texels.geometric_normal[t]);
         [(0.02, 0.5), (0.98, 0.5), (0.5, 0.02), (0.5, 0.98)]
             .iter()
-            .filter_map(|&(x, y)| self.sample(texel, Vec2::new(x, y)))
+            .filter_map(|&(x, y)| surface.sample(Vec2::new(x, y)))
             .any(|p| is_between(self.accel, centre, offset_origin(p.position, p.geometric_normal)))
     }
 }

@@ -24,11 +24,11 @@ const TRIAL: usize = 128;
 const OPEN: f32 = 0.35;
 /// Rays to the sky by which openings are known well; a cell with fewer asks the cells around.
 const ENOUGH: usize = 64;
-/// Fewest rays that make a pane.
-const FEWEST: usize = 4;
+/// Least margin around the rays of a pane, in sizes of the box: about half of what lies between neighbouring rays.
+const MARGIN: f32 = 1.0 / 32.0;
 /// Share of the ends of rays beyond each face of the box around a cell.
 const BEYOND: f32 = 0.02;
-/// Gap, in sizes of the box, across which rays still belong to one opening.
+/// Gap, in sizes of the box, across which rays still belong to one opening, unless that makes too many.
 const GAP: f32 = 1.0 / 16.0;
 /// Marks neighbourhoods without a portal.
 const NONE: u32 = u32::MAX;
@@ -87,17 +87,13 @@ impl Grid {
         let (a, b) = (self.place(a), self.place(b));
         (0..3).map(|i| a[i].abs_diff(b[i])).max().unwrap_or(0)
     }
-
-    /// Bounds of a cell with a margin for texels that lie in it in part.
-    fn bounds(&self, cell: usize) -> (Vec3, Vec3) {
-        let low = self.low + Vec3::from_array(self.place(cell).map(|n| n as f32)) * self.side;
-        (low - 0.25 * self.side, low + 1.25 * self.side)
-    }
 }
 
 /// What the rays of one neighbourhood met.
-#[derive(Default)]
 struct View {
+    /// Bounds of the texels that they belong to.
+    low: Vec3,
+    high: Vec3,
     /// Where rays to the sky began, and where they went.
     escapes: Vec<(Vec3, Vec3)>,
     /// Where the others ended.
@@ -136,24 +132,20 @@ impl Portals {
                 if progress.is_cancelled() {
                     return Err(Cancelled);
                 }
-                let point = |i: usize| centre(group[i * group.len() / RAYS].1);
-                Ok(View::of_closed(accel, group[0].0 as u32, point))
+                let members: Vec<SurfacePoint> = group.iter().map(|&(_, t)| centre(t)).collect();
+                Ok(View::of_closed(accel, group[0].0 as u32, &members))
             })
             .collect::<Result<_, Cancelled>>()?;
         let closed: Vec<(usize, &View)> =
             groups.iter().zip(&views).filter_map(|(group, view)| Some((group[0].0, view.as_ref()?))).collect();
-        let mut cells: Vec<usize> = closed.iter().map(|(neighbourhood, _)| neighbourhood / 6).collect();
-        cells.dedup();
-        let panes: Vec<Vec<Pane>> = cells.par_iter().map(|&cell| panes(&grid, &closed, cell)).collect();
+        let panes: Vec<Vec<Pane>> = closed.par_iter().map(|&(n, view)| panes(&grid, &closed, n / 6, view)).collect();
         let mut index = vec![NONE; grid.len()];
         let mut portals = Vec::new();
-        for (cell, panes) in cells.into_iter().zip(panes) {
+        for ((neighbourhood, _), panes) in closed.into_iter().zip(panes) {
             if panes.is_empty() {
                 continue;
             }
-            for (neighbourhood, _) in closed.iter().filter(|(neighbourhood, _)| neighbourhood / 6 == cell) {
-                index[*neighbourhood] = portals.len() as u32;
-            }
+            index[neighbourhood] = portals.len() as u32;
             let portal = Portal { panes, environment: environment.clone() };
             portals.push(Lamp { shape: Shape::Portal(portal), casts_shadows: true, group: sky });
         }
@@ -180,11 +172,11 @@ impl Portals {
     }
 }
 
-/// The panes through which the closed places of a cell see the sky: from the rays of the cell itself or, if few of them
-/// reach the sky, of the cells around.
-fn panes(grid: &Grid, closed: &[(usize, &View)], cell: usize) -> Vec<Pane> {
+/// The panes through which a closed neighbourhood sees the sky: from all rays of its cell or, if few of them reach the
+/// sky, of the cells around.
+fn panes(grid: &Grid, closed: &[(usize, &View)], cell: usize, own: &View) -> Vec<Pane> {
     let most = grid.count.into_iter().max().unwrap_or(0);
-    let mut view = View::default();
+    let mut view = View { escapes: Vec::new(), ends: Vec::new(), ..*own };
     for radius in 0..most {
         for (_, other) in closed.iter().filter(|(n, _)| grid.apart(n / 6, cell) == radius) {
             view.escapes.extend(&other.escapes);
@@ -194,21 +186,28 @@ fn panes(grid: &Grid, closed: &[(usize, &View)], cell: usize) -> Vec<Pane> {
             break;
         }
     }
-    let (low, high) = view.enclosure(grid.bounds(cell));
-    let mut panes = view.panes(low, high);
-    panes.sort_by_key(|&(_, hits)| std::cmp::Reverse(hits));
-    panes.truncate(MOST_PANES);
-    panes.into_iter().map(|(pane, _)| pane).collect()
+    let (low, high) = view.enclosure();
+    // Wider panes waste rays, missing ones lose light to chance.
+    let mut gap = GAP;
+    loop {
+        let panes = view.panes(low, high, gap);
+        if panes.len() <= MOST_PANES {
+            return panes;
+        }
+        gap *= 2.0;
+    }
 }
 
 impl View {
-    /// The view from a neighbourhood whose `RAYS` rays start at `point`, if that is a closed place.
-    fn of_closed(accel: &Accel, seed: u32, point: impl Fn(usize) -> SurfacePoint) -> Option<Self> {
+    /// The view from a neighbourhood with these texels, if that is a closed place.
+    fn of_closed(accel: &Accel, seed: u32, texels: &[SurfacePoint]) -> Option<Self> {
         let sequence = Sequence::new(hash2(seed, 0x90a7));
-        let mut view = View::default();
+        let low = texels.iter().fold(Vec3::INFINITY, |low, p| low.min(p.position));
+        let high = texels.iter().fold(Vec3::NEG_INFINITY, |high, p| high.max(p.position));
+        let mut view = View { low, high, escapes: Vec::new(), ends: Vec::new() };
         for i in 0..RAYS {
-            // In an order that spreads the trial over all points.
-            let p = point(i * 797 % RAYS);
+            // In an order that spreads the trial over all of them.
+            let p = texels[i * 797 % RAYS * texels.len() / RAYS];
             let direction = cosine_hemisphere(p.shading_normal, sequence.first(i as u32));
             view.look(accel, &p, direction);
             if (i + 1 == TRIAL || i + 1 == RAYS) && view.escapes.len() as f32 > OPEN * (i + 1) as f32 {
@@ -234,9 +233,9 @@ impl View {
         }
     }
 
-    /// The box around most ends of rays and all of the neighbourhood.
-    fn enclosure(&mut self, bounds: (Vec3, Vec3)) -> (Vec3, Vec3) {
-        let (mut low, mut high) = bounds;
+    /// The box around most ends of rays and all texels.
+    fn enclosure(&mut self) -> (Vec3, Vec3) {
+        let (mut low, mut high) = (self.low, self.high);
         let skip = (BEYOND * self.ends.len() as f32) as usize;
         for axis in 0..3 {
             self.ends.sort_by(|a, b| a[axis].total_cmp(&b[axis]));
@@ -248,27 +247,26 @@ impl View {
         (low, high)
     }
 
-    /// Disjoint panes around the rays that leave the box, with their numbers of rays.
-    fn panes(&self, low: Vec3, high: Vec3) -> Vec<(Pane, usize)> {
+    /// Disjoint panes around the rays that leave the box; one pane where rays are no more than `gap` apart, in sizes of
+    /// the box. No more than one to a face if that is 1.
+    fn panes(&self, low: Vec3, high: Vec3, gap: f32) -> Vec<Pane> {
         let mut panes = Vec::new();
         for (axis, outward) in (0..3).flat_map(|axis| [(axis, -1.0), (axis, 1.0)]) {
             let plane = if outward < 0.0 { low[axis] } else { high[axis] };
             let (from, to) = (Pane::across(axis, low), Pane::across(axis, high));
             let exits: Vec<Vec2> =
                 self.escapes.iter().filter_map(|&(o, d)| exit(o, d, axis, outward, plane, from, to)).collect();
-            let clusters = merge(exits.into_iter().map(|p| (p, p, 1)).collect(), GAP * (to - from));
+            let clusters = merge(exits.into_iter().map(|p| (p, p, 1)).collect(), gap * (to - from));
             let grown = clusters
                 .into_iter()
-                .filter(|&(_, _, hits)| hits >= FEWEST)
                 .map(|(a, b, hits)| {
                     // As much again as lies between neighbouring rays on either side.
-                    let margin = 2.0 * (b - a) / (hits as f32).sqrt();
+                    let margin = (2.0 * (b - a) / (hits as f32).sqrt()).max(MARGIN * (to - from));
                     ((a - margin).max(from), (b + margin).min(to), hits)
                 })
                 .collect();
             let disjoint = merge(grown, Vec2::ZERO);
-            panes
-                .extend(disjoint.into_iter().map(|(low, high, hits)| (Pane { axis, outward, plane, low, high }, hits)));
+            panes.extend(disjoint.into_iter().map(|(low, high, _)| Pane { axis, outward, plane, low, high }));
         }
         panes
     }

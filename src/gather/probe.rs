@@ -5,7 +5,7 @@
 //! small bright things would be looked at again where a ray met them but not where it missed, and come out too dark.
 //! Only where several rays were cast anyhow do these speak for themselves.
 
-use super::footprint::Footprint;
+use super::footprint::{Footprint, Usable};
 use super::source::{Followed, Source};
 use super::tally::{Grouped, Sums};
 use super::visibility::Screen;
@@ -61,7 +61,8 @@ impl Probe {
     /// Gathers at `texel`. Rays start all over the texel's usable part, so that the value is its mean.
     pub fn gather(source: &Source, footprint: &Footprint, texel: u32, settings: &ProbeSettings) -> Self {
         let receiver = footprint.centre(texel).position;
-        let view = View { source, footprint, texel, receiver, screen: source.start(texel, Side::Front).screen };
+        let usable = footprint.usable(texel);
+        let view = View { source, usable: &usable, receiver, screen: source.start(texel, Side::Front).screen };
         let mut strata = [Stratum::default(); STRATA];
         let mut groups = Grouped::new(source.groups(), STRATA);
         let (mut inverse, mut rays) = (0.0f32, 0);
@@ -89,7 +90,7 @@ impl Probe {
         let mean = strata.iter().map(Stratum::mean).sum::<f32>() / STRATA as f32;
         let all = PI * mean + source.direct(texel) + settings.floor;
         let mut parts = vec![Rgb::ZERO; source.groups()];
-        let sent = source.sent_to(footprint, texel, 0.5 * settings.tolerance * all, &mut parts);
+        let sent = source.sent_to(footprint, &usable, texel, 0.5 * settings.tolerance * all, &mut parts);
         rays += sent.rays;
         let mean = mean + sent.irradiance.element_sum() / 3.0 / PI;
         // What the eye compares is all the light at the texel, not the part gathered here.
@@ -160,8 +161,7 @@ fn corner(s: usize) -> Vec2 {
 /// Rays from one texel.
 struct View<'a> {
     source: &'a Source<'a>,
-    footprint: &'a Footprint<'a>,
-    texel: u32,
+    usable: &'a Usable<'a>,
     /// Where what is sent to it is sent.
     receiver: Vec3,
     screen: Screen<'a>,
@@ -185,7 +185,7 @@ impl View<'_> {
     /// What lies in the direction that belongs to `u`. The ray stands for `share` of a stratum and starts where `place`
     /// says. Adds to the sums by light group, if there are any.
     fn cast(&self, u: Vec2, place: Vec2, share: f32, groups: &mut [Rgb]) -> Followed {
-        let p = self.footprint.point(self.texel, place);
+        let p = self.usable.point(place);
         let direction = cosine_hemisphere(p.shading_normal, u);
         if direction.dot(p.geometric_normal) <= 0.0 {
             return Followed { radiance: Rgb::ZERO, distance: f32::INFINITY, rays: 0 };

@@ -1,6 +1,6 @@
 //! Gathers from secondary sources: rays from a texel to points drawn on them.
 
-use super::footprint::Footprint;
+use super::footprint::{Footprint, Usable};
 use super::lit_scene::LitScene;
 use super::secondary::Receiver;
 use super::source::Source;
@@ -28,7 +28,14 @@ pub struct Arrived {
 impl Source<'_> {
     /// What secondary sources bring to a texel: to within about `tolerance`, W/m². `groups` gets the same by light group,
     /// and is empty if light is not kept apart.
-    pub fn sent_to(&self, footprint: &Footprint, texel: u32, tolerance: f32, groups: &mut [Rgb]) -> Arrived {
+    pub fn sent_to(
+        &self,
+        footprint: &Footprint,
+        usable: &Usable,
+        texel: u32,
+        tolerance: f32,
+        groups: &mut [Rgb],
+    ) -> Arrived {
         let LitScene { accel, surfels, hierarchy, .. } = self.lit;
         let centre = footprint.centre(texel);
         let Some(secondary) = &self.secondary else { return Arrived::default() };
@@ -50,7 +57,7 @@ impl Source<'_> {
         let sequence = Sequence::new(0x5ec0);
         let cast = |i: u32| {
             let Some(sender) = secondary.draw(hierarchy, surfels, level, &senders, sequence.first(i).x) else { return };
-            let from = footprint.point(texel, sequence.second(i));
+            let from = usable.point(sequence.second(i));
             let normal = hierarchy.normal(surfels, sender.surfel, sender.side);
             let to = offset_origin(surfels.position(sender.surfel), normal);
             let origin = offset_origin(from.position, from.geometric_normal);

@@ -92,7 +92,8 @@ pub(super) fn open_part(open: f32) -> f32 {
 
 /// The scene as a source of light.
 pub struct Source<'a> {
-    pub(super) lit: LitScene<'a>,
+    /// The scene and its light.
+    pub lit: LitScene<'a>,
     /// Where bright things are seen, if that is known.
     guide: Option<&'a Guide>,
     /// What is sent to probes.

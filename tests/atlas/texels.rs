@@ -82,7 +82,7 @@ fn samples_lie_in_their_texel_and_cover_what_the_chart_covers() {
         let mut hits = 0;
         for i in 0..GRID * GRID {
             let offset = (Vec2::new((i % GRID) as f32, (i / GRID) as f32) + 0.5) / GRID as f32;
-            let Some(point) = texels.sample(&s, &atlas, t, offset) else { continue };
+            let Some(point) = texels.surface(&s, &atlas, t).sample(offset) else { continue };
             hits += 1;
             assert!(distance(point.position, s.corners(0, 0)) < 1e-5);
             // Back through the triangle's barycentrics to the page.
