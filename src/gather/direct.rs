@@ -4,7 +4,7 @@
 //! blocked, and densely, over the texel's area and the lamp's, where they do not: in penumbrae and at shadow edges.
 
 use super::footprint::Footprint;
-use super::lamp::Lamp;
+use super::lamp::{Aim, Lamp};
 use super::tally::Grouped;
 use super::visibility::{Lamps, Seen, Visibility};
 use crate::atlas::{Atlas, NO_TEXEL, SurfacePoint, Texels};
@@ -131,14 +131,14 @@ pub fn texel_direct(
                     if *free == Rgb::ZERO {
                         continue;
                     }
-                    let usable = footprint.usable(texel);
+                    let (usable, aim) = (footprint.usable(texel), aim(sender, texels, footprint, texel));
                     let point = |u| usable.point(u);
                     let base = if lamps.is_sky(lamp) {
                         settings.sky(free.max_element(), yardstick(irradiance[texel as usize], mean))
                     } else {
                         settings.base
                     };
-                    cast += lamps.test(sender, hash2(texel, lamp as u32), base, point, sum);
+                    cast += lamps.test(sender, &aim, hash2(texel, lamp as u32), base, point, sum);
                 }
                 rays.fetch_add(cast, Ordering::Relaxed);
                 counter.advance(sums.len())
@@ -155,15 +155,15 @@ pub fn texel_direct(
                 }
                 let mut sum = first[texel as usize];
                 if sum.seen() == Seen::Part || disagrees(atlas, texels, &first, texel) {
-                    let usable = footprint.usable(texel);
+                    let (usable, aim) = (footprint.usable(texel), aim(sender, texels, footprint, texel));
                     let point = |u| usable.point(u);
                     let seed = hash2(texel, lamp as u32);
                     let edge = CLOSER * sum.tried;
-                    cast += lamps.test(sender, seed, edge, point, &mut sum);
+                    cast += lamps.test(sender, &aim, seed, edge, point, &mut sum);
                     if sum.seen() == Seen::Part {
                         let around = yardstick(irradiance[texel as usize] + free * sum.share(), mean);
                         let most = settings.penumbra(free.max_element(), around);
-                        cast += lamps.test(sender, seed, most, point, &mut sum);
+                        cast += lamps.test(sender, &aim, seed, most, point, &mut sum);
                     }
                 }
                 *e = free * sum.share();
@@ -204,11 +204,12 @@ pub fn closer_direct(
             let Some(sender) = lamps.get(lamp, &footprint.centre(texel)) else { continue };
             let free = unoccluded(sender, texels, footprint, texel);
             let (point, seed) = (|u| usable.point(u), hash2(texel, lamp as u32));
+            let aim = aim(sender, texels, footprint, texel);
             let mut look = Visibility::default();
-            cast += lamps.test(sender, seed, MANY * settings.base, point, &mut look);
+            cast += lamps.test(sender, &aim, seed, MANY * settings.base, point, &mut look);
             if look.seen() == Seen::Part {
                 let most = settings.penumbra(free.max_element(), yardstick(*e, mean));
-                cast += lamps.test(sender, seed, most, point, &mut look);
+                cast += lamps.test(sender, &aim, seed, most, point, &mut look);
             }
             let light = free * look.share();
             sum += light;
@@ -245,6 +246,11 @@ fn unoccluded(lamp: &Lamp, texels: &Texels, footprint: &Footprint, texel: u32) -
     }
     let (usable, sequence) = (footprint.usable(texel), Sequence::new(hash2(texel, 0x0ea7)));
     (0..NEAR_SAMPLES).map(|i| at(usable.point(sequence.first(i)))).sum::<Rgb>() / NEAR_SAMPLES as f32
+}
+
+/// The lamp, to be sampled from a texel.
+fn aim<'a>(lamp: &'a Lamp, texels: &Texels, footprint: &Footprint, texel: u32) -> Aim<'a> {
+    lamp.aim(footprint.centre(texel).position, texels.area[texel as usize].sqrt())
 }
 
 /// True if a neighbour on the same chart sees the lamp differently. Looking no farther than next door would leave many

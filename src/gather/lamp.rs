@@ -1,6 +1,6 @@
 //! A lamp as the receiver sees it: unoccluded irradiance in closed form, and points to test visibility to.
 
-use super::portal::Portal;
+use super::portal::{Portal, PortalView};
 use super::region::{Region, regions};
 use crate::math::{Distribution, orthonormal_basis, shifted, uniform_disk};
 use crate::scene::{
@@ -16,12 +16,14 @@ use std::sync::Arc;
 const DISK_CORNERS: usize = 32;
 /// Sine of the angle to a source's plane below which it is seen edge-on, that is, not at all.
 const COPLANAR: f32 = 1e-5;
+/// Times the reach of samples from which on a portal looks about the same from all of them.
+const FAR: f32 = 6.0;
 /// Points that are tried until one lies in the part of an area lamp whose beam reaches the receiver.
 const TRIES: u32 = 16;
 
 /// A direction to test, and what arrives from there if nothing blocks it.
 #[derive(Clone, Copy, Debug)]
-pub struct LampSample {
+pub(super) struct LampSample {
     /// Unit direction from the receiver.
     pub direction: Vec3,
     /// Distance to the lamp's surface; infinite for a sun.
@@ -271,10 +273,17 @@ impl Lamp {
         }
     }
 
-    /// A point of the lamp as seen from `p`, from `u` in the unit square; none if it cannot light a surface with unit
-    /// normal `n` from there.
-    pub fn sample(&self, p: Vec3, n: Vec3, u: Vec2) -> Option<LampSample> {
-        let sample = match &self.shape {
+    /// The lamp, to be sampled from within `reach` metres of `p`.
+    pub(super) fn aim(&self, p: Vec3, reach: f32) -> Aim<'_> {
+        match &self.shape {
+            Shape::Portal(portal) if portal.distance(p) > FAR * reach => Aim::Portal(portal.view(p)),
+            _ => Aim::Lamp(self),
+        }
+    }
+
+    /// A point of the lamp as seen from `p`, from `u` in the unit square, and its weight without the receiver's cosine.
+    fn sample(&self, p: Vec3, u: Vec2) -> Option<LampSample> {
+        Some(match &self.shape {
             Shape::Polygon { centre, half, normal, round, radiance, spread, .. } => {
                 let s = if *spread < PI {
                     within_beam(*centre - p, half, *normal, *round, *spread, u)?
@@ -302,7 +311,7 @@ impl Lamp {
                 LampSample { direction, distance: f32::INFINITY, weight: *irradiance }
             }
             Shape::Region(region) => region.sample(u),
-            Shape::Portal(portal) => portal.sample(p, u)?,
+            Shape::Portal(portal) => portal.view(p).sample(p, u)?,
             Shape::Triangles { triangles, draw, .. } => {
                 let (i, within) = draw.draw(u.x);
                 let t = &triangles[i];
@@ -313,6 +322,23 @@ impl Lamp {
                 let hue = t.radiance / t.radiance.max_element().max(f32::MIN_POSITIVE);
                 area_sample(v, t.normal, t.two_sided, hue)?
             }
+        })
+    }
+}
+
+/// A lamp with what one receiver's samples of it share.
+pub(super) enum Aim<'a> {
+    Lamp(&'a Lamp),
+    Portal(PortalView<'a>),
+}
+
+impl Aim<'_> {
+    /// A point of the lamp as seen from `p`, from `u` in the unit square; none if it cannot light a surface with unit
+    /// normal `n` from there.
+    pub(super) fn sample(&self, p: Vec3, n: Vec3, u: Vec2) -> Option<LampSample> {
+        let sample = match self {
+            Self::Lamp(lamp) => lamp.sample(p, u)?,
+            Self::Portal(view) => view.sample(p, u)?,
         };
         let cosine = n.dot(sample.direction);
         (cosine > 0.0).then_some(LampSample { weight: sample.weight * cosine, ..sample })
@@ -426,7 +452,8 @@ mod tests {
         let l = lamp(LightShape::Rect { radiance: Rgb::ONE, size: [2.0, 1.0], spread: PI });
         let (p, n) = (Vec3::new(0.7, 0.2, -0.4), Vec3::new(0.2, 0.9, 0.1).normalize());
         let s = crate::math::Sequence::new(7);
-        let mean = (0..4096).filter_map(|i| l.sample(p, n, s.first(i))).map(|s| s.weight.x).sum::<f32>() / 4096.0;
+        let mean =
+            (0..4096).filter_map(|i| l.aim(p, 0.0).sample(p, n, s.first(i))).map(|s| s.weight.x).sum::<f32>() / 4096.0;
         assert!((mean * 2.0 / l.unoccluded(p, n).x - 1.0).abs() < 2e-3);
     }
 
@@ -442,7 +469,7 @@ mod tests {
                 let s = crate::math::Sequence::new(3);
                 for p in (0..100).map(|i| s.second(i) * 3.0 - 1.5).map(|p| Vec3::new(p.x, 0.0, p.y)) {
                     let lit = l.unoccluded(p, Vec3::Y).x > 0.02 * l.unoccluded(Vec3::ZERO, Vec3::Y).x;
-                    let count = (0..16).filter(|&i| l.sample(p, Vec3::Y, s.first(i)).is_some()).count();
+                    let count = (0..16).filter(|&i| l.aim(p, 0.0).sample(p, Vec3::Y, s.first(i)).is_some()).count();
                     assert!(!lit || count >= 15, "{size:?} {spread} {p}: {count} of 16 samples");
                 }
             }

@@ -156,18 +156,34 @@ impl Portal {
         sum
     }
 
-    /// A direction from `p` through a pane, uniform in solid angle over all of them; weight without the receiver's
-    /// cosine.
-    pub(super) fn sample(&self, p: Vec3, u: Vec2) -> Option<LampSample> {
+    /// The panes as they are seen from `from`, to be sampled from there and nearby.
+    pub(super) fn view(&self, from: Vec3) -> PortalView<'_> {
         let mut seen = [None; MOST_PANES];
         let mut total = 0.0;
         for (seen, pane) in seen.iter_mut().zip(&self.panes) {
-            *seen = pane.seen_from(p).map(|rect| (pane, rect));
+            *seen = pane.seen_from(from).map(|rect| (pane, rect));
             total += seen.map_or(0.0, |(_, rect)| rect.solid_angle());
         }
-        let mut left = u.x * total;
+        PortalView { environment: &self.environment, from, seen, total }
+    }
+}
+
+/// A portal seen from one point.
+pub(super) struct PortalView<'a> {
+    environment: &'a Environment,
+    from: Vec3,
+    seen: [Option<(&'a Pane, SphericalRect)>; MOST_PANES],
+    /// Solid angle of all panes, sr.
+    total: f32,
+}
+
+impl PortalView<'_> {
+    /// A direction from `p` through a pane, none if there is none. Its points are drawn as the view's own point sees them,
+    /// uniformly in solid angle over all panes, and weigh what they are worth at `p`, without the receiver's cosine.
+    pub(super) fn sample(&self, p: Vec3, u: Vec2) -> Option<LampSample> {
+        let mut left = u.x * self.total;
         let mut chosen = None;
-        for (pane, rect) in seen.into_iter().flatten() {
+        for &(pane, rect) in self.seen.iter().flatten() {
             chosen = Some((pane, rect, left / rect.solid_angle().max(f32::MIN_POSITIVE)));
             left -= rect.solid_angle();
             if left < 0.0 {
@@ -175,9 +191,13 @@ impl Portal {
             }
         }
         let (pane, rect, within) = chosen?;
+        let depth = pane.depth(p)?;
         let (point, density) = rect.sample(Vec2::new(within.clamp(0.0, 1.0), u.y));
-        let direction = pane.vector(point.truncate(), point.z * pane.outward).normalize();
-        let weight = self.environment.radiance(direction) / density;
+        let v = self.from + pane.vector(point.truncate(), point.z * pane.outward) - p;
+        // What a part of the pane fills of the view goes as depth over distance cubed.
+        let fills = depth / point.z * (point.length() / v.length()).powi(3);
+        let direction = v.normalize();
+        let weight = self.environment.radiance(direction) * (fills / density);
         Some(LampSample { direction, distance: f32::INFINITY, weight })
     }
 }
@@ -228,13 +248,18 @@ mod tests {
         let (p, n) = (Vec3::new(0.4, 0.3, -0.5), Vec3::new(0.3, 0.4, -0.9).normalize());
         let sequence = Sequence::new(2);
         let upper = |d: Vec3| d.y > 0.2;
-        let (mut all, mut part) = (0.0, 0.0);
-        for i in 0..1 << 14 {
-            let sample = portal.sample(p, sequence.first(i)).expect("it lies in front of the panes");
-            let weight = sample.weight.x * n.dot(sample.direction).max(0.0);
-            all += weight;
-            part += if upper(sample.direction) { weight } else { 0.0 };
-        }
+        // Seen from there, or from a point nearby.
+        let shares = [p, p + Vec3::new(0.2, -0.1, 0.15)].map(|from| {
+            let view = portal.view(from);
+            let (mut all, mut part) = (0.0, 0.0);
+            for i in 0..1 << 14 {
+                let sample = view.sample(p, sequence.first(i)).expect("it lies in front of the panes");
+                let weight = sample.weight.x * n.dot(sample.direction).max(0.0);
+                all += weight;
+                part += if upper(sample.direction) { weight } else { 0.0 };
+            }
+            part / all
+        });
         let count = 1 << 18;
         let rays = (0..count).map(|i| crate::math::cosine_hemisphere(n, sequence.second(i)));
         let seen: Vec<Vec3> = rays.filter(|&d| portal.shows(p, d)).collect();
@@ -242,7 +267,7 @@ mod tests {
             seen.iter().filter(|&&d| keep(d)).map(|&d| portal.environment.radiance(d).x).sum()
         };
         let want = sum(&upper) / sum(&|_| true);
-        assert!((part / all - want).abs() < 5e-3, "{} instead of {want}", part / all);
+        assert!(shares.iter().all(|share| (share - want).abs() < 5e-3), "{shares:?} instead of {want}");
     }
 
     #[test]
@@ -250,7 +275,7 @@ mod tests {
         let portal = window(gradient());
         for z in [-2.0, -3.0] {
             let p = Vec3::new(0.0, 0.0, z);
-            assert!(portal.sample(p, Vec2::splat(0.5)).is_none());
+            assert!(portal.view(p).sample(p, Vec2::splat(0.5)).is_none());
             assert_eq!(portal.unoccluded(p, Vec3::NEG_Z), Rgb::ZERO);
             assert!(!portal.shows(p, Vec3::NEG_Z));
         }

@@ -1,7 +1,7 @@
 //! Shadow rays: how much of each lamp a receiver sees.
 
 use super::choice::{Reach, draw};
-use super::lamp::{Lamp, Shape};
+use super::lamp::{Aim, Lamp, Shape};
 use super::openings::Portals;
 use crate::accel::{Accel, Ray, offset_origin};
 use crate::atlas::SurfacePoint;
@@ -123,10 +123,12 @@ impl<'a> Lamps<'a> {
         Screen { portal: self.portals.at(position, normal), environment: &self.accel.scene().environment }
     }
 
-    /// Tries samples of `lamp` from points of one receiver until there are `count`. Returns the rays that took.
+    /// Tries samples of `lamp`, at which the receiver aims, from points of that until there are `count`. Returns the rays
+    /// that took.
     pub(super) fn test(
         &self,
         lamp: &Lamp,
+        aim: &Aim,
         seed: u32,
         count: u32,
         point: impl Fn(Vec2) -> SurfacePoint,
@@ -135,15 +137,15 @@ impl<'a> Lamps<'a> {
         let sequence = Sequence::new(seed);
         let mut rays = 0;
         for i in sum.tried..count {
-            rays += self.probe(lamp, &point(sequence.second(i)), sequence.first(i), sum);
+            rays += self.probe(lamp, aim, &point(sequence.second(i)), sequence.first(i), sum);
         }
         rays
     }
 
     /// Casts a ray to the point `u` of a lamp. Returns how many that took.
-    fn probe(&self, lamp: &Lamp, from: &SurfacePoint, u: Vec2, sum: &mut Visibility) -> u64 {
+    fn probe(&self, lamp: &Lamp, aim: &Aim, from: &SurfacePoint, u: Vec2, sum: &mut Visibility) -> u64 {
         sum.tried += 1;
-        let Some(sample) = lamp.sample(from.position, from.shading_normal, u) else { return 0 };
+        let Some(sample) = aim.sample(from.position, from.shading_normal, u) else { return 0 };
         sum.all += sample.weight;
         if sample.direction.dot(from.geometric_normal) <= 0.0 {
             return 0;
@@ -194,7 +196,7 @@ impl<'a> Lamps<'a> {
         for i in 0..rays {
             let p = points[((sequence.second(i).x * points.len() as f32) as usize).min(points.len() - 1)];
             if let Some(lamp) = self.get(lamp, &p) {
-                self.probe(lamp, &p, sequence.first(i), &mut sum);
+                self.probe(lamp, &lamp.aim(p.position, 0.0), &p, sequence.first(i), &mut sum);
             }
         }
         free * sum.share()
