@@ -31,7 +31,7 @@ const BESIDE: f32 = 2.0;
 const DIM: f32 = 0.1;
 /// Errors of the lightmap that a part of the sky must bring to be looked for, and most rays that do so.
 const SLIVER: f32 = 8.0;
-const MOST_BLIND: u32 = 128;
+const MOST_BLIND: u32 = 64;
 /// Times the rays that a texel casts if its neighbourhood disagrees.
 const CLOSER: u32 = 4;
 /// Times the rays of every texel that one casts which is looked at again.

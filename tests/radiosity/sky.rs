@@ -106,3 +106,53 @@ fn a_sky_beside_a_wall() {
     let floor: Vec<usize> = (0..b.texels.len()).filter(|&t| b.texels.geometric_normal[t].y > 0.5).collect();
     check_paths(&scene, &b, &floor, 0.005, |_| 0.853_553_4 * std::f32::consts::PI);
 }
+
+/// A dark room of 9 × 4 × 7 m whose only light falls through a hole in the ceiling: every texel gets what it sees of the
+/// sky through the hole, also where that is a sliver.
+#[test]
+fn a_skylight_reaches_every_wall() {
+    let (size, low, high) = (Vec3::new(9.0, 4.0, 7.0), Vec2::new(3.3, 2.1), Vec2::new(5.7, 3.4));
+    let mut room = Room::default();
+    room.quad(Vec3::ZERO, Vec3::Z * size.z, Vec3::X * size.x, BLACK);
+    for (origin, u) in [
+        (Vec3::ZERO, Vec3::X * size.x),
+        (Vec3::X * size.x, Vec3::Z * size.z),
+        (Vec3::new(size.x, 0.0, size.z), Vec3::NEG_X * size.x),
+        (Vec3::Z * size.z, Vec3::NEG_Z * size.z),
+    ] {
+        room.quad(origin, u, Vec3::Y * size.y, BLACK);
+    }
+    let bounds = [(Vec2::ZERO, Vec2::new(low.x, size.z)), (Vec2::new(high.x, 0.0), Vec2::new(size.x, size.z))];
+    let beside =
+        [(Vec2::new(low.x, 0.0), Vec2::new(high.x, low.y)), (Vec2::new(low.x, high.y), Vec2::new(high.x, size.z))];
+    for (a, b) in bounds.into_iter().chain(beside) {
+        room.quad(Vec3::new(a.x, size.y, a.y), Vec3::X * (b.x - a.x), Vec3::Z * (b.y - a.y), BLACK);
+    }
+    let mut scene = room.scene();
+    scene.environment = Environment::Constant(Rgb::ONE);
+    let b = baked(&scene, 8.0, 0.01);
+    let seen = |p: Vec3, n: Vec3| {
+        const PARTS: usize = 48;
+        let part = (high - low) / PARTS as f32;
+        let from = |i: usize| {
+            let at = low + part * (Vec2::new((i % PARTS) as f32, (i / PARTS) as f32) + 0.5);
+            let v = Vec3::new(at.x, size.y, at.y) - p;
+            part.element_product() * v.y * n.dot(v).max(0.0) / v.length_squared().powi(2)
+        };
+        (0..PARTS * PARTS).map(from).sum::<f32>()
+    };
+    let (mut count, mut squares) = (0, 0.0f32);
+    let t = &b.texels;
+    let inside = |p: Vec3| p.y < size.y - 0.1;
+    let most = (0..t.len()).map(|i| b.light.combined[i].x).fold(0.0, f32::max);
+    for i in (0..t.len()).filter(|&i| inside(t.position[i])) {
+        let (got, want) = (b.light.combined[i].x, seen(t.position[i], t.shading_normal[i]));
+        let miss = (got - want).abs() / want.max(0.05 * most);
+        // Dim texels are sampled for errors that the scene's mean makes small.
+        assert!(miss < 0.06, "{} has {got} instead of {want}", t.position[i]);
+        squares += miss * miss;
+        count += 1;
+    }
+    let rms = (squares / count as f32).sqrt();
+    assert!(count > 10_000 && rms < 0.01, "relative error {rms} of {count} texels");
+}
