@@ -138,7 +138,7 @@ pub fn texel_direct(
                     } else {
                         settings.base
                     };
-                    cast += lamps.test(sender, &aim, hash2(texel, lamp as u32), base, point, sum);
+                    cast += lamps.test(&aim, hash2(texel, lamp as u32), base, point, sum);
                 }
                 rays.fetch_add(cast, Ordering::Relaxed);
                 counter.advance(sums.len())
@@ -159,11 +159,11 @@ pub fn texel_direct(
                     let point = |u| usable.point(u);
                     let seed = hash2(texel, lamp as u32);
                     let edge = CLOSER * sum.tried;
-                    cast += lamps.test(sender, &aim, seed, edge, point, &mut sum);
+                    cast += lamps.test(&aim, seed, edge, point, &mut sum);
                     if sum.seen() == Seen::Part {
                         let around = yardstick(irradiance[texel as usize] + free * sum.share(), mean);
                         let most = settings.penumbra(free.max_element(), around);
-                        cast += lamps.test(sender, &aim, seed, most, point, &mut sum);
+                        cast += lamps.test(&aim, seed, most, point, &mut sum);
                     }
                 }
                 *e = free * sum.share();
@@ -206,10 +206,10 @@ pub fn closer_direct(
             let (point, seed) = (|u| usable.point(u), hash2(texel, lamp as u32));
             let aim = aim(sender, texels, footprint, texel);
             let mut look = Visibility::default();
-            cast += lamps.test(sender, &aim, seed, MANY * settings.base, point, &mut look);
+            cast += lamps.test(&aim, seed, MANY * settings.base, point, &mut look);
             if look.seen() == Seen::Part {
                 let most = settings.penumbra(free.max_element(), yardstick(*e, mean));
-                cast += lamps.test(sender, &aim, seed, most, point, &mut look);
+                cast += lamps.test(&aim, seed, most, point, &mut look);
             }
             let light = free * look.share();
             sum += light;

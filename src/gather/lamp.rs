@@ -275,10 +275,11 @@ impl Lamp {
 
     /// The lamp, to be sampled from within `reach` metres of `p`.
     pub(super) fn aim(&self, p: Vec3, reach: f32) -> Aim<'_> {
-        match &self.shape {
-            Shape::Portal(portal) if portal.distance(p) > FAR * reach => Aim::Portal(portal.view(p)),
-            _ => Aim::Lamp(self),
-        }
+        let view = match &self.shape {
+            Shape::Portal(portal) if portal.distance(p) > FAR * reach => Some(portal.view(p)),
+            _ => None,
+        };
+        Aim { lamp: self, view }
     }
 
     /// A point of the lamp as seen from `p`, from `u` in the unit square, and its weight without the receiver's cosine.
@@ -327,18 +328,18 @@ impl Lamp {
 }
 
 /// A lamp with what one receiver's samples of it share.
-pub(super) enum Aim<'a> {
-    Lamp(&'a Lamp),
-    Portal(PortalView<'a>),
+pub(super) struct Aim<'a> {
+    pub(super) lamp: &'a Lamp,
+    view: Option<PortalView<'a>>,
 }
 
 impl Aim<'_> {
     /// A point of the lamp as seen from `p`, from `u` in the unit square; none if it cannot light a surface with unit
     /// normal `n` from there.
     pub(super) fn sample(&self, p: Vec3, n: Vec3, u: Vec2) -> Option<LampSample> {
-        let sample = match self {
-            Self::Lamp(lamp) => lamp.sample(p, u)?,
-            Self::Portal(view) => view.sample(p, u)?,
+        let sample = match &self.view {
+            Some(view) => view.sample(p, u)?,
+            None => self.lamp.sample(p, u)?,
         };
         let cosine = n.dot(sample.direction);
         (cosine > 0.0).then_some(LampSample { weight: sample.weight * cosine, ..sample })

@@ -123,11 +123,10 @@ impl<'a> Lamps<'a> {
         Screen { portal: self.portals.at(position, normal), environment: &self.accel.scene().environment }
     }
 
-    /// Tries samples of `lamp`, at which the receiver aims, from points of that until there are `count`. Returns the rays
+    /// Tries samples of the lamp that one receiver aims at, from points of that, until there are `count`. Returns the rays
     /// that took.
     pub(super) fn test(
         &self,
-        lamp: &Lamp,
         aim: &Aim,
         seed: u32,
         count: u32,
@@ -137,13 +136,13 @@ impl<'a> Lamps<'a> {
         let sequence = Sequence::new(seed);
         let mut rays = 0;
         for i in sum.tried..count {
-            rays += self.probe(lamp, aim, &point(sequence.second(i)), sequence.first(i), sum);
+            rays += self.probe(aim, &point(sequence.second(i)), sequence.first(i), sum);
         }
         rays
     }
 
-    /// Casts a ray to the point `u` of a lamp. Returns how many that took.
-    fn probe(&self, lamp: &Lamp, aim: &Aim, from: &SurfacePoint, u: Vec2, sum: &mut Visibility) -> u64 {
+    /// Casts a ray to the point `u` of the lamp that is aimed at. Returns how many that took.
+    fn probe(&self, aim: &Aim, from: &SurfacePoint, u: Vec2, sum: &mut Visibility) -> u64 {
         sum.tried += 1;
         let Some(sample) = aim.sample(from.position, from.shading_normal, u) else { return 0 };
         sum.all += sample.weight;
@@ -151,7 +150,7 @@ impl<'a> Lamps<'a> {
             return 0;
         }
         let ray = shadow_ray(from, sample.direction, sample.distance);
-        sum.open += if lamp.casts_shadows { sample.weight * self.accel.visibility(&ray) } else { sample.weight };
+        sum.open += if aim.lamp.casts_shadows { sample.weight * self.accel.visibility(&ray) } else { sample.weight };
         1
     }
 
@@ -196,7 +195,7 @@ impl<'a> Lamps<'a> {
         for i in 0..rays {
             let p = points[((sequence.second(i).x * points.len() as f32) as usize).min(points.len() - 1)];
             if let Some(lamp) = self.get(lamp, &p) {
-                self.probe(lamp, &lamp.aim(p.position, 0.0), &p, sequence.first(i), &mut sum);
+                self.probe(&lamp.aim(p.position, 0.0), &p, sequence.first(i), &mut sum);
             }
         }
         free * sum.share()
