@@ -129,7 +129,7 @@ impl<'a> Footprint<'a> {
     pub fn usable(&self, texel: u32) -> Usable<'_> {
         let mask = self.cells[texel as usize];
         let surface = (mask != 0).then(|| self.texels.surface(self.scene, self.atlas, texel));
-        Usable { mask, surface, centre: self.centre(texel) }
+        Usable { mask, surface, centre: self.centre(texel), is_bent: self.is_bent(texel) }
     }
 
     /// True if the surface bends within the texel, so that its middle does not stand for all of it.
@@ -153,7 +153,10 @@ pub struct Usable<'a> {
     /// Its cells.
     mask: u16,
     surface: Option<TexelSurface<'a>>,
-    centre: SurfacePoint,
+    /// The texel's centroid.
+    pub(super) centre: SurfacePoint,
+    /// Whether the surface bends within the texel.
+    pub(super) is_bent: bool,
 }
 
 impl Usable<'_> {

@@ -132,8 +132,7 @@ impl Portals {
                 if progress.is_cancelled() {
                     return Err(Cancelled);
                 }
-                let members: Vec<SurfacePoint> = group.iter().map(|&(_, t)| centre(t)).collect();
-                Ok(View::of_closed(accel, group[0].0 as u32, &members))
+                Ok(View::of_closed(accel, group[0].0 as u32, group.len(), |i| centre(group[i].1)))
             })
             .collect::<Result<_, Cancelled>>()?;
         let closed: Vec<(usize, &View)> =
@@ -199,15 +198,15 @@ fn panes(grid: &Grid, closed: &[(usize, &View)], cell: usize, own: &View) -> Vec
 }
 
 impl View {
-    /// The view from a neighbourhood with these texels, if that is a closed place.
-    fn of_closed(accel: &Accel, seed: u32, texels: &[SurfacePoint]) -> Option<Self> {
+    /// The view from a neighbourhood of `count` texels with these centres, if that is a closed place.
+    fn of_closed(accel: &Accel, seed: u32, count: usize, centre: impl Fn(usize) -> SurfacePoint) -> Option<Self> {
         let sequence = Sequence::new(hash2(seed, 0x90a7));
-        let low = texels.iter().fold(Vec3::INFINITY, |low, p| low.min(p.position));
-        let high = texels.iter().fold(Vec3::NEG_INFINITY, |high, p| high.max(p.position));
+        let low = (0..count).fold(Vec3::INFINITY, |low, i| low.min(centre(i).position));
+        let high = (0..count).fold(Vec3::NEG_INFINITY, |high, i| high.max(centre(i).position));
         let mut view = View { low, high, escapes: Vec::new(), ends: Vec::new() };
         for i in 0..RAYS {
             // In an order that spreads the trial over all of them.
-            let p = texels[i * 797 % RAYS * texels.len() / RAYS];
+            let p = centre(i * 797 % RAYS * count / RAYS);
             let direction = cosine_hemisphere(p.shading_normal, sequence.first(i as u32));
             view.look(accel, &p, direction);
             if (i + 1 == TRIAL || i + 1 == RAYS) && view.escapes.len() as f32 > OPEN * (i + 1) as f32 {

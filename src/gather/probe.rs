@@ -13,7 +13,7 @@ use crate::accel::offset_origin;
 use crate::hierarchy::Side;
 use crate::math::{Sequence, cosine_hemisphere, hash2};
 use crate::scene::Rgb;
-use glam::{Vec2, Vec3};
+use glam::Vec2;
 use serde::{Deserialize, Serialize};
 use std::f32::consts::PI;
 
@@ -60,9 +60,8 @@ pub struct Probe {
 impl Probe {
     /// Gathers at `texel`. Rays start all over the texel's usable part, so that the value is its mean.
     pub fn gather(source: &Source, footprint: &Footprint, texel: u32, settings: &ProbeSettings) -> Self {
-        let receiver = footprint.centre(texel).position;
         let usable = footprint.usable(texel);
-        let view = View { source, usable: &usable, receiver, screen: source.start(texel, Side::Front).screen };
+        let view = View { source, usable: &usable, screen: source.start(texel, Side::Front).screen };
         let mut strata = [Stratum::default(); STRATA];
         let mut groups = Grouped::new(source.groups(), STRATA);
         let (mut inverse, mut rays) = (0.0f32, 0);
@@ -76,7 +75,7 @@ impl Probe {
             rays += seen.rays;
         }
         if let Some(bright) = source.bright(texel) {
-            let normal = footprint.centre(texel).shading_normal;
+            let normal = usable.centre.shading_normal;
             for (s, stratum) in strata.iter_mut().enumerate() {
                 // A stratum is wider than the directions that the guide tells apart.
                 let is_bright =
@@ -90,7 +89,7 @@ impl Probe {
         let mean = strata.iter().map(Stratum::mean).sum::<f32>() / STRATA as f32;
         let all = PI * mean + source.direct(texel) + settings.floor;
         let mut parts = vec![Rgb::ZERO; source.groups()];
-        let sent = source.sent_to(footprint, &usable, texel, 0.5 * settings.tolerance * all, &mut parts);
+        let sent = source.sent_to(&usable, 0.5 * settings.tolerance * all, &mut parts);
         rays += sent.rays;
         let mean = mean + sent.irradiance.element_sum() / 3.0 / PI;
         // What the eye compares is all the light at the texel, not the part gathered here.
@@ -162,8 +161,6 @@ fn corner(s: usize) -> Vec2 {
 struct View<'a> {
     source: &'a Source<'a>,
     usable: &'a Usable<'a>,
-    /// Where what is sent to it is sent.
-    receiver: Vec3,
     screen: Screen<'a>,
 }
 
@@ -195,7 +192,8 @@ impl View<'_> {
         let solid_angle = share * PI / (STRATA as f32 * cosine);
         let seed = hash2(u.x.to_bits(), u.y.to_bits());
         let origin = offset_origin(p.position, p.geometric_normal);
-        let (source, receiver) = (self.source, self.receiver);
+        // What is sent to the texel is sent to its centre.
+        let (source, receiver) = (self.source, self.usable.centre.position);
         match groups.is_empty() {
             true => source.follow(origin, direction, solid_angle, self.screen, receiver, seed, &mut ()),
             false => source.follow(origin, direction, solid_angle, self.screen, receiver, seed, &mut Sums(groups)),

@@ -1,6 +1,6 @@
 //! Gathers from secondary sources: rays from a texel to points drawn on them.
 
-use super::footprint::{Footprint, Usable};
+use super::footprint::Usable;
 use super::lit_scene::LitScene;
 use super::secondary::Receiver;
 use super::source::Source;
@@ -28,20 +28,12 @@ pub struct Arrived {
 impl Source<'_> {
     /// What secondary sources bring to a texel: to within about `tolerance`, W/m². `groups` gets the same by light group,
     /// and is empty if light is not kept apart.
-    pub fn sent_to(
-        &self,
-        footprint: &Footprint,
-        usable: &Usable,
-        texel: u32,
-        tolerance: f32,
-        groups: &mut [Rgb],
-    ) -> Arrived {
+    pub fn sent_to(&self, usable: &Usable, tolerance: f32, groups: &mut [Rgb]) -> Arrived {
         let LitScene { accel, surfels, hierarchy, .. } = self.lit;
-        let centre = footprint.centre(texel);
         let Some(secondary) = &self.secondary else { return Arrived::default() };
         // The normals of a bent texel are not known one by one: it may see all around.
-        let bend = if footprint.is_bent(texel) { 1.0 } else { 0.0 };
-        let receiver = Receiver { position: centre.position, normal: centre.shading_normal, bend };
+        let bend = if usable.is_bent { 1.0 } else { 0.0 };
+        let receiver = Receiver { position: usable.centre.position, normal: usable.centre.shading_normal, bend };
         let senders = secondary.senders(&receiver);
         let total = senders.total();
         if total <= 0.0 {
