@@ -22,8 +22,8 @@ use std::f32::consts::PI;
 const ELEMENT_SIDE: u32 = 4;
 /// Rays per element that look for backs of double-sided surfaces.
 const BACK_RAYS: u32 = 16;
-/// Rays per element that count what it sees.
-const SURVEY_RAYS: u32 = 64;
+/// Rays per element that count what it sees, for a solution that the first bounce starts from.
+const SURVEY_RAYS: u32 = 16;
 /// Shadow rays per lamp of an element that has no texels of its own.
 const ELEMENT_RAYS: u32 = 16;
 /// Rays per element of the first bounce.
@@ -31,7 +31,9 @@ const BOUNCE_RAYS: usize = 64;
 
 /// Share of the scene's mean irradiance below which errors of a texel count as if it were that bright.
 const FLOOR: f32 = 0.25;
-/// Most rays that one probe casts for an error of 2 %.
+/// Standard error of a probe, in errors of the lightmap.
+const PROBE_ERROR: f32 = 0.8;
+/// Most rays that one probe casts on top of one per stratum, for an error of 2 %.
 const MOST_RAYS: f32 = 1800.0;
 
 /// Patches that tell how light changes with reflectances.
@@ -255,7 +257,7 @@ fn gather_again(
 fn cell_settings(error: f32, floor: f32) -> CellSettings {
     // Enough to halve the error by four times the rays, but no endless run.
     let extra = (MOST_RAYS * (0.02 / error).powi(2)).min(1e6) as u32;
-    let probe = ProbeSettings { extra, tolerance: error, floor };
+    let probe = ProbeSettings { extra, tolerance: PROBE_ERROR * error, floor };
     CellSettings { tolerance: 0.5 * error, floor, probe }
 }
 

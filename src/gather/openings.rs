@@ -30,6 +30,10 @@ const MARGIN: f32 = 1.0 / 32.0;
 const BEYOND: f32 = 0.02;
 /// Gap, in sizes of the box, across which rays still belong to one opening, unless that makes too many.
 const GAP: f32 = 1.0 / 16.0;
+/// Share of the view that panes fill from which on rays that look all around find the sky as well.
+const WIDE: f32 = 0.3;
+/// Texels from which that share is taken.
+const ASKED: usize = 32;
 /// Marks neighbourhoods without a portal.
 const NONE: u32 = u32::MAX;
 
@@ -137,7 +141,17 @@ impl Portals {
             .collect::<Result<_, Cancelled>>()?;
         let closed: Vec<(usize, &View)> =
             groups.iter().zip(&views).filter_map(|(group, view)| Some((group[0].0, view.as_ref()?))).collect();
-        let panes: Vec<Vec<Pane>> = closed.par_iter().map(|&(n, view)| panes(&grid, &closed, n / 6, view)).collect();
+        let texels_of = groups.iter().zip(&views).filter(|(_, view)| view.is_some()).map(|(group, _)| *group);
+        let texels_of: Vec<&[(usize, u32)]> = texels_of.collect();
+        let panes: Vec<Vec<Pane>> = closed
+            .par_iter()
+            .zip(&texels_of)
+            .map(|(&(n, view), texels)| {
+                let panes = panes(&grid, &closed, n / 6, view);
+                let asked = texels.iter().step_by(texels.len().div_ceil(ASKED)).map(|&(_, t)| centre(t));
+                if fill(&panes, asked) > WIDE { Vec::new() } else { panes }
+            })
+            .collect();
         let mut index = vec![NONE; grid.len()];
         let mut portals = Vec::new();
         for ((neighbourhood, _), panes) in closed.into_iter().zip(panes) {
@@ -195,6 +209,13 @@ fn panes(grid: &Grid, closed: &[(usize, &View)], cell: usize, own: &View) -> Vec
         }
         gap *= 2.0;
     }
+}
+
+/// Share of the view, weighted by the cosine, that panes fill as seen from `points`: the mean.
+fn fill(panes: &[Pane], points: impl ExactSizeIterator<Item = SurfacePoint>) -> f32 {
+    let count = points.len() as f32;
+    let share = |p: SurfacePoint| panes.iter().map(|pane| pane.fill(p.position, p.shading_normal)).sum::<f32>();
+    points.map(share).sum::<f32>() / count
 }
 
 impl View {

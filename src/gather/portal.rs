@@ -75,6 +75,14 @@ impl Pane {
             .map(|f| self.vector(self.low + f * size, self.plane) - p)
     }
 
+    /// Share of the view from a point with unit normal `n` that it fills, weighted by the cosine.
+    pub(super) fn fill(&self, p: Vec3, n: Vec3) -> f32 {
+        match self.depth(p) {
+            Some(_) => form_factor::polygon(n, &self.part(p, Vec2::ZERO, Vec2::ONE)),
+            None => 0.0,
+        }
+    }
+
     /// The parts of the pane below and above height `y`.
     fn cut_at_height(&self, y: f32) -> [Option<Self>; 2] {
         // The second of the axes x, y, z is height; a pane across it has all of itself on one side of a receiver.
@@ -125,7 +133,7 @@ impl Portal {
             return Rgb::ZERO;
         }
         match self.environment {
-            Environment::Constant(l) => l * (PI * form_factor::polygon(n, &pane.part(p, Vec2::ZERO, Vec2::ONE))),
+            Environment::Constant(l) => l * (PI * pane.fill(p, n)),
             // The gradient has a step at the horizon, which no part may straddle.
             Environment::Gradient { .. } => {
                 pane.cut_at_height(p.y).iter().flatten().map(|pane| self.parts(pane, p, n)).sum()

@@ -17,10 +17,11 @@ use glam::Vec2;
 use serde::{Deserialize, Serialize};
 use std::f32::consts::PI;
 
-/// Strata along a side of the square that maps to the hemisphere.
-const SIDE: usize = 16;
-/// All strata.
-const STRATA: usize = SIDE * SIDE;
+/// Strata along a side of the square that maps to the hemisphere: first, and where many rays are wanted.
+const COARSE: usize = 8;
+const FINE: usize = 16;
+/// Rays from which on many are wanted.
+const DEMANDING: u32 = 128;
 /// Most rays of one stratum.
 const MOST: f32 = 4096.0;
 /// Rays of a stratum in which neighbours saw something bright.
@@ -62,60 +63,47 @@ impl Probe {
     pub fn gather(source: &Source, footprint: &Footprint, texel: u32, settings: &ProbeSettings) -> Self {
         let usable = footprint.usable(texel);
         let view = View { source, usable: &usable, screen: source.start(texel, Side::Front).screen };
-        let mut strata = [Stratum::default(); STRATA];
-        let mut groups = Grouped::new(source.groups(), STRATA);
-        let (mut inverse, mut rays) = (0.0f32, 0);
-        let sequence = Sequence::new(0x9a7e);
-        for i in 0..STRATA as u32 {
-            let u = sequence.first(i);
-            let s = stratum(u);
-            let seen = view.cast(u, sequence.second(i), 1.0, groups.of_mut(s));
-            strata[s].add(seen.radiance);
-            inverse += 1.0 / seen.distance.max(1e-6);
-            rays += seen.rays;
+        let lamps = source.direct(texel) + settings.floor;
+        let mut strata = Strata::new(COARSE, source.groups());
+        strata.fill(&view);
+        // What the eye compares is all the light at the texel, not the part gathered here.
+        let all = |strata: &Strata| settings.tolerance * (strata.mean() + lamps / PI);
+        if allot(&strata.spread(), all(&strata), settings.extra).iter().sum::<u32>() > DEMANDING {
+            strata = strata.finer();
+            strata.fill(&view);
         }
         if let Some(bright) = source.bright(texel) {
             let normal = usable.centre.shading_normal;
-            for (s, stratum) in strata.iter_mut().enumerate() {
+            for s in 0..strata.len() {
                 // A stratum is wider than the directions that the guide tells apart.
-                let is_bright =
-                    |inside: &Vec2| bright.contains(cosine_hemisphere(normal, (corner(s) + *inside) / SIDE as f32));
+                let is_bright = |inside: &Vec2| bright.contains(cosine_hemisphere(normal, strata.place(s, *inside)));
                 if INSIDE.iter().any(is_bright) {
-                    rays += view.look_closer(s, stratum, LOOKS, groups.of_mut(s));
+                    strata.look_closer(&view, s, LOOKS);
                 }
             }
         }
-        let mut spread = spread(&strata.map(|s| s.mean()), &strata.map(|s| s.variance()));
-        let mean = strata.iter().map(Stratum::mean).sum::<f32>() / STRATA as f32;
-        let all = PI * mean + source.direct(texel) + settings.floor;
-        let mut parts = vec![Rgb::ZERO; source.groups()];
-        let sent = source.sent_to(&usable, 0.5 * settings.tolerance * all, &mut parts);
-        rays += sent.rays;
-        let mean = mean + sent.irradiance.element_sum() / 3.0 / PI;
-        // What the eye compares is all the light at the texel, not the part gathered here.
-        let tolerance = settings.tolerance * (mean + (source.direct(texel) + settings.floor) / PI);
+        let mut spread = strata.spread();
+        let mut groups = vec![Rgb::ZERO; source.groups()];
+        let sent = source.sent_to(&usable, 0.5 * PI * all(&strata), &mut groups);
+        let tolerance = all(&strata) + settings.tolerance * sent.irradiance.element_sum() / 3.0 / PI;
         for _ in 0..ROUNDS {
             let counts = allot(&spread, tolerance, settings.extra);
-            for (s, stratum) in strata.iter_mut().enumerate() {
-                rays += view.look_closer(s, stratum, counts[s], groups.of_mut(s));
+            for (s, &count) in counts.iter().enumerate() {
+                strata.look_closer(&view, s, count);
                 // So many rays may speak for themselves: whether one of them met something hardly matters.
-                if stratum.count >= LOOKS {
-                    spread[s] = stratum.variance().sqrt();
+                if strata.all[s].count >= LOOKS {
+                    spread[s] = strata.all[s].variance().sqrt();
                 }
             }
         }
-        let variance: f32 = spread.iter().zip(&strata).map(|(&spread, s)| spread * spread / s.count as f32).sum();
-        for (s, stratum) in strata.iter().enumerate() {
-            let share = PI / (STRATA as f32 * stratum.count as f32);
-            parts.iter_mut().zip(groups.of(s)).for_each(|(part, &sum)| *part += sum * share);
-        }
+        let variance: f32 = spread.iter().zip(&strata.all).map(|(&spread, s)| spread * spread / s.count as f32).sum();
+        strata.share_out(&mut groups);
         Self {
-            irradiance: sent.irradiance
-                + strata.iter().map(|s| s.sum / s.count as f32).sum::<Rgb>() * (PI / STRATA as f32),
-            groups: parts.into(),
-            distance: STRATA as f32 / inverse.max(1e-12),
-            error: (PI * variance.sqrt() / STRATA as f32).hypot(sent.error),
-            rays,
+            irradiance: sent.irradiance + strata.irradiance(),
+            groups: groups.into(),
+            distance: strata.first_rays() as f32 / strata.inverse.max(1e-12),
+            error: (PI * variance.sqrt() / strata.len() as f32).hypot(sent.error),
+            rays: strata.rays + sent.rays,
         }
     }
 }
@@ -152,9 +140,116 @@ impl Stratum {
     }
 }
 
-/// Lower corner of stratum `s` in units of strata.
-fn corner(s: usize) -> Vec2 {
-    Vec2::new((s % SIDE) as f32, (s / SIDE) as f32)
+/// The strata of one probe.
+struct Strata {
+    /// Along a side of the square.
+    side: usize,
+    all: Vec<Stratum>,
+    /// Sums of radiance by light group, W/(m²·sr).
+    groups: Grouped,
+    /// Strata that have their first ray.
+    filled: u32,
+    /// Sum of inverse distances of first rays, 1/m.
+    inverse: f32,
+    /// Rays cast, turns included.
+    rays: u32,
+}
+
+impl Strata {
+    fn new(side: usize, groups: usize) -> Self {
+        let count = side * side;
+        let (all, groups) = (vec![Stratum::default(); count], Grouped::new(groups, count));
+        Self { side, all, groups, filled: 0, inverse: 0.0, rays: 0 }
+    }
+
+    fn len(&self) -> usize {
+        self.all.len()
+    }
+
+    /// First rays, one to a stratum.
+    fn first_rays(&self) -> u32 {
+        self.filled
+    }
+
+    /// All probes share their first directions: noise that is the same everywhere is not seen.
+    fn sequence() -> Sequence {
+        Sequence::new(0x9a7e)
+    }
+
+    /// Casts the first rays that are lacking: so many points of the sequence as there are strata have one in each.
+    fn fill(&mut self, view: &View) {
+        let sequence = Self::sequence();
+        for i in self.filled..self.len() as u32 {
+            let u = sequence.first(i);
+            let s = self.at(u);
+            let seen = view.cast(u, sequence.second(i), 1.0 / self.len() as f32, self.groups.of_mut(s));
+            self.all[s].add(seen.radiance);
+            self.inverse += 1.0 / seen.distance.max(1e-6);
+            self.rays += seen.rays;
+        }
+        self.filled = self.len() as u32;
+    }
+
+    /// The finer strata with the first rays cast so far.
+    fn finer(&self) -> Self {
+        let sequence = Self::sequence();
+        let mut finer = Self::new(FINE, self.groups.groups());
+        for i in 0..self.filled {
+            let u = sequence.first(i);
+            let (from, to) = (self.at(u), finer.at(u));
+            finer.all[to] = self.all[from];
+            finer.groups.of_mut(to).copy_from_slice(self.groups.of(from));
+        }
+        Self { filled: self.filled, inverse: self.inverse, rays: self.rays, ..finer }
+    }
+
+    /// Casts rays into stratum `s` until it has `count`.
+    fn look_closer(&mut self, view: &View, s: usize, count: u32) {
+        let sequence = Sequence::new(hash2(s as u32, 0x57a7));
+        let share = 1.0 / (count as f32 * self.len() as f32);
+        for i in self.all[s].count..count {
+            let u = self.place(s, sequence.first(i));
+            let seen = view.cast(u, sequence.second(i), share, self.groups.of_mut(s));
+            self.all[s].add(seen.radiance);
+            self.rays += seen.rays;
+        }
+    }
+
+    /// The stratum that a point of the unit square lies in.
+    fn at(&self, u: Vec2) -> usize {
+        let index = |x: f32| ((x * self.side as f32) as usize).min(self.side - 1);
+        index(u.y) * self.side + index(u.x)
+    }
+
+    /// The point of the unit square at place `inside` of stratum `s`.
+    fn place(&self, s: usize, inside: Vec2) -> Vec2 {
+        (Vec2::new((s % self.side) as f32, (s / self.side) as f32) + inside) / self.side as f32
+    }
+
+    /// Mean radiance, mean of channels.
+    fn mean(&self) -> f32 {
+        self.all.iter().map(Stratum::mean).sum::<f32>() / self.len() as f32
+    }
+
+    /// W/m².
+    fn irradiance(&self) -> Rgb {
+        self.all.iter().map(|s| s.sum / s.count as f32).sum::<Rgb>() * (PI / self.len() as f32)
+    }
+
+    /// Adds the irradiance by light group to `groups`, W/m².
+    fn share_out(&self, groups: &mut [Rgb]) {
+        for (s, stratum) in self.all.iter().enumerate() {
+            let share = PI / (self.len() as f32 * stratum.count as f32);
+            groups.iter_mut().zip(self.groups.of(s)).for_each(|(sum, &radiance)| *sum += radiance * share);
+        }
+    }
+
+    /// Deviation to be expected inside each stratum.
+    fn spread(&self) -> Vec<f32> {
+        let means: Vec<f32> = self.all.iter().map(Stratum::mean).collect();
+        let variances: Vec<f32> = self.all.iter().map(Stratum::variance).collect();
+        spread(self.side, &means, &variances)
+    }
 }
 
 /// Rays from one texel.
@@ -165,21 +260,7 @@ struct View<'a> {
 }
 
 impl View<'_> {
-    /// Casts rays into stratum `s` until it has `count`, with sums by light group beside it. Returns how many that took,
-    /// turns included.
-    fn look_closer(&self, s: usize, stratum: &mut Stratum, count: u32, groups: &mut [Rgb]) -> u32 {
-        let sequence = Sequence::new(hash2(s as u32, 0x57a7));
-        let mut rays = 0;
-        for i in stratum.count..count {
-            let u = (corner(s) + sequence.first(i)) / SIDE as f32;
-            let seen = self.cast(u, sequence.second(i), 1.0 / count as f32, groups);
-            stratum.add(seen.radiance);
-            rays += seen.rays;
-        }
-        rays
-    }
-
-    /// What lies in the direction that belongs to `u`. The ray stands for `share` of a stratum and starts where `place`
+    /// What lies in the direction that belongs to `u`. The ray stands for `share` of the view and starts where `place`
     /// says. Adds to the sums by light group, if there are any.
     fn cast(&self, u: Vec2, place: Vec2, share: f32, groups: &mut [Rgb]) -> Followed {
         let p = self.usable.point(place);
@@ -189,7 +270,7 @@ impl View<'_> {
         }
         // Cosine-weighted rays stand for more of the view towards the horizon.
         let cosine = direction.dot(p.shading_normal).max(0.05);
-        let solid_angle = share * PI / (STRATA as f32 * cosine);
+        let solid_angle = share * PI / cosine;
         let seed = hash2(u.x.to_bits(), u.y.to_bits());
         let origin = offset_origin(p.position, p.geometric_normal);
         // What is sent to the texel is sent to its centre.
@@ -201,21 +282,15 @@ impl View<'_> {
     }
 }
 
-/// The stratum that a point of the unit square lies in.
-fn stratum(u: Vec2) -> usize {
-    let index = |x: f32| ((x * SIDE as f32) as usize).min(SIDE - 1);
-    index(u.y) * SIDE + index(u.x)
-}
-
 /// Deviation to be expected inside each stratum, from the differences between its neighbours on opposite sides and from
 /// the variance inside these.
-fn spread(radiance: &[f32; STRATA], variance: &[f32; STRATA]) -> [f32; STRATA] {
+fn spread(side: usize, radiance: &[f32], variance: &[f32]) -> Vec<f32> {
     let value = |x: i32, y: i32| {
-        let inside = |v: i32| (0..SIDE as i32).contains(&v);
-        (inside(x) && inside(y)).then(|| y as usize * SIDE + x as usize)
+        let inside = |v: i32| (0..side as i32).contains(&v);
+        (inside(x) && inside(y)).then(|| y as usize * side + x as usize)
     };
-    std::array::from_fn(|s| {
-        let (x, y) = ((s % SIDE) as i32, (s / SIDE) as i32);
+    let of_stratum = |s: usize| {
+        let (x, y) = ((s % side) as i32, (s / side) as i32);
         let (mut squares, mut pairs) = (0.0, 0);
         for (dx, dy) in [(1, 0), (0, 1), (1, 1), (1, -1)] {
             // At the horizon, where a side is missing, two that follow one another on the other side tell.
@@ -227,27 +302,32 @@ fn spread(radiance: &[f32; STRATA], variance: &[f32; STRATA]) -> [f32; STRATA] {
             }
         }
         (squares / (2 * pairs) as f32).sqrt()
-    })
+    };
+    (0..side * side).map(of_stratum).collect()
 }
 
 /// Rays per stratum, one at least, so that the standard error of their mean stays below `tolerance` with the fewest
 /// rays: in proportion to the spread.
-fn allot(spread: &[f32; STRATA], tolerance: f32, extra: u32) -> [u32; STRATA] {
+fn allot(spread: &[f32], tolerance: f32, extra: u32) -> Vec<u32> {
+    let strata = spread.len();
     let total: f32 = spread.iter().sum();
-    let wanted = total / (STRATA as f32 * tolerance.max(f32::MIN_POSITIVE)).powi(2);
-    let most = (STRATA as u32 + extra) as f32 / total.max(f32::MIN_POSITIVE);
-    spread.map(|s| (wanted.min(most) * s).clamp(1.0, MOST).round() as u32)
+    let wanted = total / (strata as f32 * tolerance.max(f32::MIN_POSITIVE)).powi(2);
+    let most = (strata as u32 + extra) as f32 / total.max(f32::MIN_POSITIVE);
+    spread.iter().map(|s| (wanted.min(most) * s).clamp(1.0, MOST).round() as u32).collect()
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
+    const SIDE: usize = FINE;
+    const STRATA: usize = SIDE * SIDE;
+
     #[test]
     fn a_stratum_does_not_judge_itself() {
         let mut radiance = [1.0; STRATA];
         radiance[5 * SIDE + 7] = 100.0;
-        let spread = spread(&radiance, &[0.0; STRATA]);
+        let spread = spread(SIDE, &radiance, &[0.0; STRATA]);
         assert_eq!(spread[5 * SIDE + 7], 0.0);
         assert!(spread[5 * SIDE + 8] > 10.0);
         assert_eq!(spread[5 * SIDE + 10], 0.0);
@@ -259,7 +339,7 @@ mod tests {
         for y in 0..SIDE {
             radiance[y * SIDE + 1] = 1.0;
         }
-        let spread = spread(&radiance, &[0.0; STRATA]);
+        let spread = spread(SIDE, &radiance, &[0.0; STRATA]);
         assert!((0..SIDE).all(|y| spread[y * SIDE] > 0.3), "{:?}", spread[0]);
     }
 

@@ -23,6 +23,9 @@ pub enum Side {
     Back,
 }
 
+/// Elements of the smallest nodes that are linked.
+const LINKED: usize = 16;
+
 /// A leaf of the hierarchy: neighbouring surfels of one side of a surface.
 #[derive(Clone, Debug)]
 pub struct Element {
@@ -87,6 +90,11 @@ impl Hierarchy {
     /// True if node `n` is an element.
     pub fn is_leaf(&self, n: u32) -> bool {
         self.nodes[n as usize].skip == n + 1
+    }
+
+    /// True if links go no deeper than node `n`: they give the first bounce a start, and its rays tell elements apart.
+    pub fn is_link_end(&self, n: u32) -> bool {
+        self.nodes[n as usize].elements.len() <= LINKED
     }
 
     /// Children of node `n`, none for a leaf.

@@ -27,7 +27,7 @@ pub struct Estimate {
 
 /// Decides for a pair `(receiver, source)`; the exchange is symmetric, so both directions matter.
 pub trait Oracle: Sync {
-    /// The decision; never asks to split a leaf.
+    /// The decision; never asks to split where links end.
     fn decide(&self, hierarchy: &Hierarchy, receiver: u32, source: u32, estimate: &Estimate) -> Decision;
 }
 
@@ -55,8 +55,8 @@ impl ErrorOracle<'_> {
 impl Oracle for ErrorOracle<'_> {
     fn decide(&self, hierarchy: &Hierarchy, receiver: u32, source: u32, estimate: &Estimate) -> Decision {
         let (r, s) = (&hierarchy.nodes[receiver as usize], &hierarchy.nodes[source as usize]);
-        let (leaf_r, leaf_s) = (hierarchy.is_leaf(receiver), hierarchy.is_leaf(source));
-        if leaf_r && leaf_s {
+        let (end_r, end_s) = (hierarchy.is_link_end(receiver), hierarchy.is_link_end(source));
+        if end_r && end_s {
             return Decision::Accept;
         }
         let visibility = estimate.visibility.unwrap_or(1.0);
@@ -68,7 +68,7 @@ impl Oracle for ErrorOracle<'_> {
         if error.is_nan() || error <= self.epsilon {
             return Decision::Accept;
         }
-        let split_receiver = if leaf_r || leaf_s { leaf_s } else { r.radius() >= s.radius() };
+        let split_receiver = if end_r || end_s { end_s } else { r.radius() >= s.radius() };
         if split_receiver { Decision::SplitReceiver } else { Decision::SplitSource }
     }
 }

@@ -18,13 +18,13 @@ pub struct RefineSettings {
     pub kernel_samples: u32,
     /// Rays of a link that matters little.
     pub rays: u32,
-    /// Rays of a link that ends at two elements.
-    pub rays_between_elements: u32,
+    /// Rays of a link between two of the smallest nodes.
+    pub rays_between_ends: u32,
 }
 
 impl Default for RefineSettings {
     fn default() -> Self {
-        Self { kernel_samples: 16, rays: 4, rays_between_elements: 8 }
+        Self { kernel_samples: 16, rays: 4, rays_between_ends: 8 }
     }
 }
 
@@ -102,6 +102,10 @@ impl Refiner<'_> {
     fn step(&self, (a, b): Pair) -> Step {
         let tree = self.exchange.hierarchy;
         if a == b {
+            // What the parts of the smallest nodes exchange, closure adds to the other links.
+            if tree.is_link_end(a) {
+                return Step::Nothing;
+            }
             let children: Vec<u32> = tree.children(a).collect();
             let pairs = children.iter().enumerate().flat_map(|(i, &x)| children[i..].iter().map(move |&y| (x, y)));
             return Step::Split(pairs.collect());
@@ -118,8 +122,8 @@ impl Refiner<'_> {
         if kernel.mean <= 0.0 {
             return Step::Nothing;
         }
-        let leaves = tree.is_leaf(a) && tree.is_leaf(b);
-        let rays = if leaves { self.settings.rays_between_elements } else { self.settings.rays };
+        let ends = tree.is_link_end(a) && tree.is_link_end(b);
+        let rays = if ends { self.settings.rays_between_ends } else { self.settings.rays };
         let Some((visibility, cast)) = self.exchange.visibility(a, b, rays) else { return Step::Nothing };
         self.rays.fetch_add(cast as u64, Ordering::Relaxed);
         estimate.visibility = Some(visibility);
