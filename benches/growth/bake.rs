@@ -1,6 +1,6 @@
 //! Bakes a scene with the built program, as a user would: settings → what its report says, and its files.
 
-use crate::memory;
+use crate::sampler::{self, Seen};
 use anyhow::{Context, Result, ensure};
 use serde_json::Value;
 use std::collections::BTreeMap;
@@ -28,7 +28,7 @@ pub(crate) struct Job<'a> {
 /// The outcome of a bake.
 pub(crate) struct Baked {
     report: Value,
-    peaks: BTreeMap<String, u64>,
+    seen: BTreeMap<String, Seen>,
     page: PathBuf,
 }
 
@@ -46,11 +46,11 @@ impl Job<'_> {
         command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(File::create(&messages)?);
         let mut child = command.spawn().context("starting the built lightkiln")?;
         let lines = child.stdout.take().expect("the output is piped");
-        let peaks = memory::peaks(child.id(), lines);
+        let seen = sampler::watch(child.id(), lines);
         let status = child.wait()?;
         ensure!(status.success(), "the bake ended with {status}: {}", fs::read_to_string(&messages)?);
         let report = serde_json::from_slice(&fs::read(folder.join("report.json"))?)?;
-        Ok(Baked { report, peaks, page: folder.join("lightmap_0.exr") })
+        Ok(Baked { report, seen, page: folder.join("lightmap_0.exr") })
     }
 }
 
@@ -72,6 +72,16 @@ impl Baked {
         of_stage.filter_map(|s| s[clock].as_f64()).sum()
     }
 
+    /// Seconds that one stage would have taken on the clock if its threads had not waited for processors that other
+    /// programs used.
+    pub(crate) fn undisturbed(&self, name: &str) -> f64 {
+        let wall = self.stage(name, "wall_s");
+        match self.seen.get(name) {
+            Some(seen) if seen.running > 0.0 => wall * seen.running / (seen.running + seen.waiting),
+            _ => wall,
+        }
+    }
+
     /// Rays of the lightmap and of its audit.
     pub(crate) fn rays(&self) -> f64 {
         let lightmap = self.report["rays"].as_object().into_iter().flatten();
@@ -85,7 +95,7 @@ impl Baked {
 
     /// Most memory resident during a stage, MiB; not a number if it was too short to be seen.
     pub(crate) fn stage_peak(&self, name: &str) -> f64 {
-        self.peaks.get(name).map_or(f64::NAN, |&bytes| bytes as f64 / MEBIBYTE)
+        self.seen.get(name).map_or(f64::NAN, |seen| seen.peak as f64 / MEBIBYTE)
     }
 
     /// Error that the audit found, percent.

@@ -11,7 +11,7 @@
 //! | `threads` | processors: speed-up per stage, the best of three runs, and whether pages have equal bits | side of the page, 256 |
 //!
 //! Every bake is a process of its own, at the default settings, so audits and what is gathered again after them count.
-//! Wall-clock speed-ups need a machine that does nothing else.
+//! Wall-clock times are shown as they were and without the time that threads waited for processors in other use.
 
 mod bake;
 mod clutter;
@@ -19,8 +19,8 @@ mod error;
 mod faces;
 mod glb;
 mod layout;
-mod memory;
 mod room;
+mod sampler;
 mod stages;
 mod surfaces;
 mod table;
