@@ -1,12 +1,13 @@
 //! How time and memory of a bake grow, with the error that was reached beside them. In: generated rooms. Out: tables with
 //! slopes, the exponents of the power laws through their rows; CPU seconds, MiB.
 //!
-//! `cargo bench --bench growth` prints all parts in a few minutes; `cargo bench --bench growth -- PART [LIMIT]` prints one:
+//! `cargo bench --bench growth` prints all parts, which takes some twelve minutes of CPU time;
+//! `cargo bench --bench growth -- PART [LIMIT]` prints one:
 //!
 //! | part | what grows | LIMIT |
 //! |---|---|---|
 //! | `texels` | the resolution of a furnished room | largest side of the page, 512 |
-//! | `surfaces` | triangles on as many texels: meshes become finer, or more and smaller | most triangles, 258048; up to 4128768 |
+//! | `surfaces` | triangles on as many texels: meshes become finer, or more and smaller | most triangles, 260000; up to 4200000 |
 //! | `error` | what `--error` asks for, judged by a bake at half the last target | smallest target in percent, 1 |
 //! | `threads` | processors: speed-up per stage, the best of three runs, and whether pages have equal bits | side of the page, 256 |
 //!

@@ -3,9 +3,12 @@
 use crate::bake::{Baked, STAGES};
 use crate::table::{Column, Table};
 
+/// Title, value per stage, and column.
+type Kind = (&'static str, fn(&Baked, &str) -> f64, fn(&'static str) -> Column);
+
 /// Prints both; each bake comes with the quantity that grows, which `first` names.
 pub(crate) fn print(first: Column, bakes: &[(f64, Baked)]) {
-    let tables: [(&str, fn(&Baked, &str) -> f64, fn(&'static str) -> Column); 2] = [
+    let tables: [Kind; 2] = [
         ("CPU seconds by stage", |b, stage| b.stage(stage, "cpu_s"), Column::seconds),
         ("most MiB resident during a stage", Baked::stage_peak, |stage| Column::number(stage, 1)),
     ];
