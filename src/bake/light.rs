@@ -32,7 +32,7 @@ const BOUNCE_RAYS: usize = 64;
 /// Share of the scene's mean irradiance below which errors of a texel count as if it were that bright.
 const FLOOR: f32 = 0.25;
 /// Standard error of a probe, in errors of the lightmap.
-const PROBE_ERROR: f32 = 0.8;
+const PROBE_ERROR: f32 = 0.65;
 /// Most rays that one probe casts on top of one per stratum, for an error of 2 %.
 const MOST_RAYS: f32 = 1800.0;
 
