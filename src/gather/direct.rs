@@ -5,9 +5,10 @@
 
 use super::footprint::Footprint;
 use super::lamp::{Aim, Lamp};
+use super::look::{CLOSER, Look};
 use super::tally::Grouped;
 use super::visibility::{Lamps, Seen, Visibility};
-use crate::atlas::{Atlas, NO_TEXEL, SurfacePoint, Texels};
+use crate::atlas::{Atlas, SurfacePoint, Texels};
 use crate::hierarchy::{Element, Side, Surfels};
 use crate::math::{Sequence, hash2, hash3};
 use crate::progress::{Cancelled, Counter, Progress, Stage};
@@ -22,8 +23,6 @@ const CHUNK: usize = 1024;
 const NEAR: f32 = 6.0;
 /// Texels from which the mean irradiance is estimated.
 const MEAN_SAMPLES: usize = 4096;
-/// Texels to each side whose view of a lamp tells whether a texel's own needs a closer look.
-const AROUND: i64 = 2;
 /// Errors of the lightmap that a penumbra's noise may reach, where visibility is least certain.
 const PENUMBRA: f32 = 2.0;
 /// Times the irradiance of a texel, and share of the scene's mean, that its penumbrae are measured by.
@@ -32,14 +31,17 @@ const DIM: f32 = 0.1;
 /// Errors of the lightmap that a part of the sky must bring to be looked for, and most rays that do so.
 const SLIVER: f32 = 8.0;
 const MOST_BLIND: u32 = 64;
-/// Times the rays that a texel casts if its neighbourhood disagrees.
-const CLOSER: u32 = 4;
 /// Times the rays of every texel that one casts which is looked at again.
 const MANY: u32 = 16;
+/// Times the rays of every texel that are worth casting where a penumbra may end.
+const AT_END: u32 = 16;
 /// Points of an element that see the sky for all of it.
 const SKY_POINTS: usize = 2;
-/// Points of a texel that is near a lamp.
+/// Points of a texel that is near a lamp, and of one that the rim of a beam crosses.
 const NEAR_SAMPLES: u32 = 32;
+const RIM_SAMPLES: u32 = 512;
+/// Share of a texel's brightest point that is left at its darkest where a rim may cross it.
+const FADED: f32 = 0.1;
 
 /// How many shadow rays are cast.
 #[derive(Clone, Copy, Debug)]
@@ -67,22 +69,29 @@ impl DirectSettings {
 
     /// Rays of every texel to the sky behind portals, which unblocked would bring `free` where about `around` W/m² arrive.
     /// Most of it may be hidden, and what is left must not be missed where it matters.
-    fn sky(&self, free: f32, around: f32) -> u32 {
+    pub(super) fn sky(&self, free: f32, around: f32) -> u32 {
         let rays = free / (SLIVER * self.error * around.max(1e-12));
         (rays.min(MOST_BLIND as f32) as u32).next_power_of_two().clamp(CLOSER * self.base, MOST_BLIND)
     }
 
     /// Rays of a texel that sees part of a lamp which unblocked would bring `free`, where about `around` W/m² arrive.
     /// The error of stratified visibility falls as n^(−3/4).
-    fn penumbra(&self, free: f32, around: f32) -> u32 {
+    pub(super) fn penumbra(&self, free: f32, around: f32) -> u32 {
         let rays = (0.5 * free / (PENUMBRA * self.error * around.max(1e-12))).powf(4.0 / 3.0);
         (rays.min(self.most as f32) as u32).next_power_of_two().clamp(CLOSER * self.base, self.most)
+    }
+
+    /// Most rays of a texel that may lie at the end of a penumbra: the share of a lamp that all of them miss is about
+    /// what noise may reach.
+    pub(super) fn at_end(&self) -> u32 {
+        let rays = 1.0 / (PENUMBRA * self.error.max(1e-6));
+        (rays as u32).next_power_of_two().max(AT_END * self.base).min(self.most)
     }
 }
 
 /// Irradiance that the light of one lamp is measured by at a texel, W/m², where `so_far` arrives there and `mean` in the
 /// whole scene: what is dim beside the scene must be clean beside what lights it.
-fn yardstick(so_far: Rgb, mean: f32) -> f32 {
+pub(super) fn yardstick(so_far: Rgb, mean: f32) -> f32 {
     (BESIDE * so_far.max_element()).clamp(DIM * mean, mean)
 }
 
@@ -116,61 +125,31 @@ pub fn texel_direct(
     let counter = Counter::new(progress, Stage::Direct, texels.len() * count * 2);
     let rays = AtomicU64::new(0);
     let mean = sample_mean(lamps, footprint, texels.len());
-    let mut first = vec![Visibility::default(); texels.len()];
+    let mut seen = vec![Visibility::default(); texels.len()];
     let mut noise = vec![0.0f64; texels.len().div_ceil(CHUNK)];
     for lamp in 0..count {
-        // The first pass leaves in `part` what would arrive unblocked, the second what does arrive.
-        first.par_chunks_mut(CHUNK).zip(part.par_chunks_mut(CHUNK)).enumerate().try_for_each(
-            |(chunk, (sums, part))| {
-                let mut cast = 0;
-                for (i, (sum, free)) in sums.iter_mut().zip(part).enumerate() {
-                    let texel = (chunk * CHUNK + i) as u32;
-                    (*sum, *free) = (Visibility::default(), Rgb::ZERO);
-                    let Some(sender) = lamps.get(lamp, &footprint.centre(texel)) else { continue };
-                    *free = unoccluded(sender, texels, footprint, texel);
-                    if *free == Rgb::ZERO {
-                        continue;
-                    }
-                    let (usable, aim) = (footprint.usable(texel), aim(sender, texels, footprint, texel));
-                    let point = |u| usable.point(u);
-                    let base = if lamps.is_sky(lamp) {
-                        settings.sky(free.max_element(), yardstick(irradiance[texel as usize], mean))
-                    } else {
-                        settings.base
-                    };
-                    cast += lamps.test(&aim, hash2(texel, lamp as u32), base, point, sum);
-                }
-                rays.fetch_add(cast, Ordering::Relaxed);
-                counter.advance(sums.len())
-            },
-        )?;
-        part.par_chunks_mut(CHUNK).zip(&mut noise).enumerate().try_for_each(|(chunk, (out, noise))| {
-            let mut cast = 0;
-            for (i, e) in out.iter_mut().enumerate() {
-                let texel = (chunk * CHUNK + i) as u32;
-                let free = std::mem::take(e);
-                let Some(sender) = lamps.get(lamp, &footprint.centre(texel)) else { continue };
-                if free == Rgb::ZERO {
-                    continue;
-                }
-                let mut sum = first[texel as usize];
-                if sum.seen() == Seen::Part || disagrees(atlas, texels, &first, texel) {
-                    let (usable, aim) = (footprint.usable(texel), aim(sender, texels, footprint, texel));
-                    let point = |u| usable.point(u);
-                    let seed = hash2(texel, lamp as u32);
-                    let edge = CLOSER * sum.tried;
-                    cast += lamps.test(&aim, seed, edge, point, &mut sum);
-                    if sum.seen() == Seen::Part {
-                        let around = yardstick(irradiance[texel as usize] + free * sum.share(), mean);
-                        let most = settings.penumbra(free.max_element(), around);
-                        cast += lamps.test(&aim, seed, most, point, &mut sum);
-                    }
-                }
-                *e = free * sum.share();
-                *noise += f64::from(free.element_sum() / 3.0).powi(2) * f64::from(sum.variance());
+        let look = Look {
+            lamps,
+            lamp,
+            atlas,
+            texels,
+            footprint,
+            settings,
+            so_far: &irradiance,
+            mean,
+            rays: &rays,
+            counter: &counter,
+        };
+        // `part` holds what would arrive unblocked until it is known what does.
+        look.glance(&mut seen, &mut part)?;
+        look.closer(&mut seen, &part)?;
+        let chunks = part.par_chunks_mut(CHUNK).zip(seen.par_chunks(CHUNK)).zip(&mut noise);
+        chunks.try_for_each(|((part, seen), noise)| {
+            for (e, seen) in part.iter_mut().zip(seen) {
+                *noise += f64::from(e.element_sum() / 3.0).powi(2) * f64::from(seen.variance());
+                *e *= seen.share();
             }
-            rays.fetch_add(cast, Ordering::Relaxed);
-            counter.advance(out.len())
+            counter.advance(part.len())
         })?;
         irradiance.par_iter_mut().zip(&part).for_each(|(e, &part)| *e += part);
         groups.add(lamps.group(lamp), &part);
@@ -238,39 +217,29 @@ fn sample_mean(lamps: &Lamps, footprint: &Footprint, texels: usize) -> f32 {
 
 /// Irradiance from an unblocked lamp: at the texel's centre, or averaged over the texel where the lamp is so close or
 /// the surface so bent that this differs.
-fn unoccluded(lamp: &Lamp, texels: &Texels, footprint: &Footprint, texel: u32) -> Rgb {
+pub(super) fn unoccluded(lamp: &Lamp, texels: &Texels, footprint: &Footprint, texel: u32) -> Rgb {
     let at = |p: SurfacePoint| lamp.unoccluded(p.position, p.shading_normal);
     let centre = footprint.centre(texel);
     if !footprint.is_bent(texel) && lamp.distance(centre.position) > NEAR * texels.area[texel as usize].sqrt() {
         return at(centre);
     }
     let (usable, sequence) = (footprint.usable(texel), Sequence::new(hash2(texel, 0x0ea7)));
-    (0..NEAR_SAMPLES).map(|i| at(usable.point(sequence.first(i)))).sum::<Rgb>() / NEAR_SAMPLES as f32
+    let sample = |i| at(usable.point(sequence.first(i)));
+    let (mut sum, mut least, mut most) = (Rgb::ZERO, f32::INFINITY, 0f32);
+    for value in (0..NEAR_SAMPLES).map(sample) {
+        sum += value;
+        (least, most) = (least.min(value.max_element()), most.max(value.max_element()));
+    }
+    if !lamp.has_rim() || least > FADED * most {
+        return sum / NEAR_SAMPLES as f32;
+    }
+    (sum + (NEAR_SAMPLES..RIM_SAMPLES).map(sample).sum::<Rgb>()) / RIM_SAMPLES as f32
 }
 
 /// The lamp, to be sampled from a texel.
-fn aim<'a>(lamp: &'a Lamp, texels: &Texels, footprint: &Footprint, texel: u32) -> Aim<'a> {
-    lamp.aim(footprint.centre(texel).position, texels.area[texel as usize].sqrt())
-}
-
-/// True if a neighbour on the same chart sees the lamp differently. Looking no farther than next door would leave many
-/// texels that see almost all of a lamp with the few rays that happened to miss what blocks it.
-fn disagrees(atlas: &Atlas, texels: &Texels, first: &[Visibility], texel: u32) -> bool {
-    let own = first[texel as usize].seen();
-    around(atlas, texels, texel).any(|n| first[n as usize].seen() != own)
-}
-
-/// The texels within [`AROUND`] on the same chart, with the texel itself.
-fn around(atlas: &Atlas, texels: &Texels, texel: u32) -> impl Iterator<Item = u32> {
-    let t = texel as usize;
-    let chart = texels.chart[t] as usize;
-    let range = &texels.charts[chart];
-    let page = &texels.pages[atlas.charts[chart].page];
-    let [x, y] = texels.pixel[t].map(i64::from);
-    let span = |at: i64, size: u32| (at - AROUND).max(0)..=(at + AROUND).min(i64::from(size) - 1);
-    let rows = span(y, page.height);
-    let places = rows.flat_map(move |y| span(x, page.width).map(move |x| (y * i64::from(page.width) + x) as usize));
-    places.map(|place| page.texel[place]).filter(|&n| n != NO_TEXEL && range.contains(&n))
+pub(super) fn aim<'a>(lamp: &'a Lamp, texels: &Texels, footprint: &Footprint, texel: u32) -> Aim<'a> {
+    let centre = footprint.centre(texel);
+    lamp.aim(centre.position, centre.shading_normal, texels.area[texel as usize].sqrt())
 }
 
 /// Irradiance of elements straight from the lamps, W/m², whole and by light group: the texels' mean for fronts of charts,

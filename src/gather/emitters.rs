@@ -1,6 +1,7 @@
 //! Emissive surfaces: which are sent like lamps and which are met by gather rays.
 
-use super::lamp::{EmitterTriangle, Lamp, Shape};
+use super::emitter_triangle::EmitterTriangle;
+use super::lamp::{Lamp, Shape};
 use crate::math::{Distribution, triangle_middles};
 use crate::scene::{Group, LightGroups, Rgb, Scene};
 use glam::{Vec2, Vec3};
@@ -15,7 +16,7 @@ const MOST: f32 = 0.6;
 const FEWEST_PARTS: u32 = 2;
 const MOST_PARTS: u32 = 256;
 /// Triangles of one lamp at most.
-const BUNDLE: usize = 64;
+pub(super) const BUNDLE: usize = 64;
 
 /// How each emissive primitive is treated.
 #[derive(Clone, Debug, Default)]

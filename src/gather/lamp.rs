@@ -1,5 +1,7 @@
 //! A lamp as the receiver sees it: unoccluded irradiance in closed form, and points to test visibility to.
 
+use super::emitter_triangle::EmitterTriangle;
+use super::near::{NearView, is_near};
 use super::portal::{Portal, PortalView};
 use super::region::{Region, regions};
 use crate::math::{Distribution, orthonormal_basis, shifted, uniform_disk};
@@ -14,9 +16,7 @@ use std::sync::Arc;
 
 /// Corners of the polygon that stands for a disk.
 const DISK_CORNERS: usize = 32;
-/// Sine of the angle to a source's plane below which it is seen edge-on, that is, not at all.
-const COPLANAR: f32 = 1e-5;
-/// Times the reach of samples from which on a portal looks about the same from all of them.
+/// Times the reach of samples from which on a lamp looks about the same from all of them.
 const FAR: f32 = 6.0;
 /// Points that are tried until one lies in the part of an area lamp whose beam reaches the receiver.
 const TRIES: u32 = 16;
@@ -28,7 +28,8 @@ pub(super) struct LampSample {
     pub direction: Vec3,
     /// Distance to the lamp's surface; infinite for a sun.
     pub distance: f32,
-    /// Relative irradiance carried by the sample.
+    /// Relative irradiance carried by the sample, alike for all samples of a lamp: if that is flat, W/m² where they are
+    /// averaged.
     pub weight: Rgb,
 }
 
@@ -102,21 +103,6 @@ pub enum Shape {
         /// Its radius.
         radius: f32,
     },
-}
-
-/// A triangle of an emissive surface.
-#[derive(Clone, Copy, Debug)]
-pub struct EmitterTriangle {
-    /// World-space corners, counter-clockwise from the front.
-    pub corners: [Vec3; 3],
-    /// Unit normal of the front.
-    pub normal: Vec3,
-    /// Mean radiance, W/(m²·sr).
-    pub radiance: Rgb,
-    /// Area, m².
-    pub area: f32,
-    /// True if the back emits too.
-    pub two_sided: bool,
 }
 
 /// Angular falloff of a spot.
@@ -227,6 +213,15 @@ impl Lamp {
         }
     }
 
+    /// True if it has a beam, at whose rim irradiance may end within no distance.
+    pub(super) fn has_rim(&self) -> bool {
+        match &self.shape {
+            Shape::Polygon { spread, .. } => *spread < PI,
+            Shape::Sphere { beam, .. } => beam.is_some(),
+            _ => false,
+        }
+    }
+
     /// Irradiance at a point with unit normal `n` if nothing blocks, W/m².
     pub fn unoccluded(&self, p: Vec3, n: Vec3) -> Rgb {
         match &self.shape {
@@ -273,11 +268,14 @@ impl Lamp {
         }
     }
 
-    /// The lamp, to be sampled from within `reach` metres of `p`.
-    pub(super) fn aim(&self, p: Vec3, reach: f32) -> Aim<'_> {
+    /// The lamp, to be sampled from within `reach` metres of `p`, where the unit normal is about `n`.
+    pub(super) fn aim(&self, p: Vec3, n: Vec3, reach: f32) -> Aim<'_> {
         let view = match &self.shape {
-            Shape::Portal(portal) if portal.distance(p) > FAR * reach => Some(portal.view(p)),
-            _ => None,
+            Shape::Portal(portal) if portal.distance(p) > FAR * reach => View::Portal(portal.view(p)),
+            shape if is_near(shape, p) => NearView::new(shape, p, n)
+                .filter(|view| view.nearest > FAR * reach)
+                .map_or(View::OfEachPoint, View::Near),
+            _ => View::Same,
         };
         Aim { lamp: self, view }
     }
@@ -294,7 +292,8 @@ impl Lamp {
                     u * 2.0 - Vec2::ONE
                 };
                 let v = *centre + half[0] * s.x + half[1] * s.y - p;
-                let sample = area_sample(v, *normal, false, *radiance)?;
+                let area = half[0].cross(half[1]).length() * if *round { PI } else { 4.0 };
+                let sample = area_sample(v, *normal, false, *radiance * area)?;
                 let beam = spread_attenuation(-normal.dot(sample.direction), *spread);
                 LampSample { weight: sample.weight * beam, ..sample }
             }
@@ -316,12 +315,10 @@ impl Lamp {
             Shape::Triangles { triangles, draw, .. } => {
                 let (i, within) = draw.draw(u.x);
                 let t = &triangles[i];
-                let (r, s) = (within.sqrt(), u.y);
-                let [a, b, c] = t.corners;
-                let v = a + (b - a) * (r * (1.0 - s)) + (c - a) * (r * s) - p;
                 // Triangles are drawn by power, so only hue is left of the radiance.
                 let hue = t.radiance / t.radiance.max_element().max(f32::MIN_POSITIVE);
-                area_sample(v, t.normal, t.two_sided, hue)?
+                let v = t.point(Vec2::new(within, u.y)) - p;
+                area_sample(v, t.normal, t.two_sided, hue * draw.total() as f32)?
             }
         })
     }
@@ -330,7 +327,19 @@ impl Lamp {
 /// A lamp with what one receiver's samples of it share.
 pub(super) struct Aim<'a> {
     pub(super) lamp: &'a Lamp,
-    view: Option<PortalView<'a>>,
+    view: View<'a>,
+}
+
+/// How points of a lamp are drawn.
+enum View<'a> {
+    /// In the same way for all receivers.
+    Same,
+    /// As the receiver's middle sees the sky.
+    Portal(PortalView<'a>),
+    /// As the receiver's middle sees the lamp.
+    Near(NearView<'a>),
+    /// As each point of the receiver sees the lamp.
+    OfEachPoint,
 }
 
 impl Aim<'_> {
@@ -338,8 +347,10 @@ impl Aim<'_> {
     /// normal `n` from there.
     pub(super) fn sample(&self, p: Vec3, n: Vec3, u: Vec2) -> Option<LampSample> {
         let sample = match &self.view {
-            Some(view) => view.sample(p, u)?,
-            None => self.lamp.sample(p, u)?,
+            View::Same => self.lamp.sample(p, u)?,
+            View::Portal(view) => view.sample(p, u)?,
+            View::Near(view) => view.sample(p, u)?,
+            View::OfEachPoint => NearView::new(&self.lamp.shape, p, n)?.sample(p, u)?,
         };
         let cosine = n.dot(sample.direction);
         (cosine > 0.0).then_some(LampSample { weight: sample.weight * cosine, ..sample })
@@ -382,7 +393,7 @@ fn cap_direction(axis: Vec3, sine: f32, u: Vec2) -> Vec3 {
 }
 
 /// Sample of a surface at offset `v` with unit `normal`; weight without the receiver's cosine.
-fn area_sample(v: Vec3, normal: Vec3, two_sided: bool, radiance: Rgb) -> Option<LampSample> {
+pub(super) fn area_sample(v: Vec3, normal: Vec3, two_sided: bool, radiance: Rgb) -> Option<LampSample> {
     let d2 = v.length_squared();
     let distance = d2.sqrt();
     let direction = v / distance;
@@ -391,25 +402,6 @@ fn area_sample(v: Vec3, normal: Vec3, two_sided: bool, radiance: Rgb) -> Option<
         cosine = cosine.abs();
     }
     (cosine > 0.0 && d2 > 0.0).then(|| LampSample { direction, distance, weight: radiance * (cosine / d2) })
-}
-
-impl EmitterTriangle {
-    fn unoccluded(&self, p: Vec3, n: Vec3) -> Rgb {
-        let corners = self.corners.map(|c| c - p);
-        let v = (corners[0] + corners[1] + corners[2]) / 3.0;
-        let facing = -self.normal.dot(v);
-        let d2 = v.length_squared();
-        // In the triangle's own plane rounding would decide whether it fills the horizon or nothing.
-        if facing * facing <= COPLANAR * COPLANAR * (d2 + self.area) || (!self.two_sided && facing <= 0.0) {
-            return Rgb::ZERO;
-        }
-        // Far tier: within 0.1 % of the polygon once the triangle is small against its distance.
-        if d2 > 150.0 * self.area && d2 > 0.0 {
-            let cosine = n.dot(v).max(0.0);
-            return self.radiance * (self.area * cosine * facing.abs() / (d2 * d2));
-        }
-        self.radiance * (PI * form_factor::polygon(n, &corners))
-    }
 }
 
 #[cfg(test)]
@@ -453,9 +445,9 @@ mod tests {
         let l = lamp(LightShape::Rect { radiance: Rgb::ONE, size: [2.0, 1.0], spread: PI });
         let (p, n) = (Vec3::new(0.7, 0.2, -0.4), Vec3::new(0.2, 0.9, 0.1).normalize());
         let s = crate::math::Sequence::new(7);
-        let mean =
-            (0..4096).filter_map(|i| l.aim(p, 0.0).sample(p, n, s.first(i))).map(|s| s.weight.x).sum::<f32>() / 4096.0;
-        assert!((mean * 2.0 / l.unoccluded(p, n).x - 1.0).abs() < 2e-3);
+        let mean = (0..4096).filter_map(|i| l.aim(p, n, 0.0).sample(p, n, s.first(i))).map(|s| s.weight.x).sum::<f32>()
+            / 4096.0;
+        assert!((mean / l.unoccluded(p, n).x - 1.0).abs() < 2e-3);
     }
 
     #[test]
@@ -470,7 +462,8 @@ mod tests {
                 let s = crate::math::Sequence::new(3);
                 for p in (0..100).map(|i| s.second(i) * 3.0 - 1.5).map(|p| Vec3::new(p.x, 0.0, p.y)) {
                     let lit = l.unoccluded(p, Vec3::Y).x > 0.02 * l.unoccluded(Vec3::ZERO, Vec3::Y).x;
-                    let count = (0..16).filter(|&i| l.aim(p, 0.0).sample(p, Vec3::Y, s.first(i)).is_some()).count();
+                    let count =
+                        (0..16).filter(|&i| l.aim(p, Vec3::Y, 0.0).sample(p, Vec3::Y, s.first(i)).is_some()).count();
                     assert!(!lit || count >= 15, "{size:?} {spread} {p}: {count} of 16 samples");
                 }
             }

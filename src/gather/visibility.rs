@@ -195,7 +195,7 @@ impl<'a> Lamps<'a> {
         for i in 0..rays {
             let p = points[((sequence.second(i).x * points.len() as f32) as usize).min(points.len() - 1)];
             if let Some(lamp) = self.get(lamp, &p) {
-                self.probe(&lamp.aim(p.position, 0.0), &p, sequence.first(i), &mut sum);
+                self.probe(&lamp.aim(p.position, p.shading_normal, 0.0), &p, sequence.first(i), &mut sum);
             }
         }
         free * sum.share()

@@ -13,9 +13,10 @@ use std::sync::Arc;
 const HEIGHT: f64 = 2.0;
 /// Texels of the floor per metre.
 const DENSITY: f64 = 16.0;
-/// Points along a texel's side at which an expected value is averaged, and where it has sharp edges.
+/// Points along a texel's side at which an expected value is averaged, where it has sharp edges, and where those are rims.
 const PARTS: usize = 4;
 const FINE_PARTS: usize = 32;
+const RIM_PARTS: usize = 128;
 /// Share of the tolerance of single texels that the mean of a row of 16 may miss. It is more than noise leaves, because
 /// a texel that sees a sliver of a lamp which its first rays miss is dark.
 const OF_ROWS: f64 = 0.6;
@@ -141,8 +142,8 @@ fn spots_fade_along_blenders_curve() {
             blend: blend as f32,
             falloff: Falloff::Smoothstep,
         };
-        // A hard rim cuts texels: their value is a share of 32 points.
-        let (tolerance, parts) = if blend == 0.0 { (0.1, FINE_PARTS) } else { (0.005, PARTS) };
+        // A hard rim cuts texels: their value is a share of points.
+        let (tolerance, parts) = if blend == 0.0 { (0.02, RIM_PARTS) } else { (0.005, PARTS) };
         check_in_parts(floor(), lamp(shape), tolerance, parts, |p| {
             let (d2, cosine) = towards(p);
             let x = (cosine - outer.cos()) / ((1.0 - outer.cos()) * blend).max(1e-9);

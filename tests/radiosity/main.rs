@@ -1,6 +1,7 @@
 //! Known truths of radiosity, held by the whole chain from geometry to texels.
 
 mod audit;
+mod edges;
 mod groups;
 mod lamps;
 mod leaves;
