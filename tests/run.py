@@ -178,6 +178,8 @@ def run_section(title: str, check: Callable[[], None]) -> Outcome:
 
 def main() -> int:
     """Runs all sections, whatever fails, and sums up."""
+    # Started in the background, it is told to ignore interrupts, and so would be the programs whose tests send them.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     outcomes = [run_section(title, check) for title, check in SECTIONS]
     print("\n=== Summary")
     for outcome in outcomes:
