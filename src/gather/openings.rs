@@ -31,7 +31,7 @@ const BEYOND: f32 = 0.02;
 /// Gap, in sizes of the box, across which rays still belong to one opening, unless that makes too many.
 const GAP: f32 = 1.0 / 16.0;
 /// Share of the view that panes fill from which on rays that look all around find the sky as well.
-const WIDE: f32 = 0.3;
+const WIDE: f32 = 0.5;
 /// Texels from which that share is taken.
 const ASKED: usize = 32;
 /// Marks neighbourhoods without a portal.
