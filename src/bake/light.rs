@@ -27,12 +27,14 @@ const SURVEY_RAYS: u32 = 16;
 /// Shadow rays per lamp of an element that has no texels of its own.
 const ELEMENT_RAYS: u32 = 16;
 /// Rays per element of the first bounce.
-const BOUNCE_RAYS: usize = 64;
+const BOUNCE_RAYS: usize = 32;
 
 /// Share of the scene's mean irradiance below which errors of a texel count as if it were that bright.
 const FLOOR: f32 = 0.25;
+/// Times the scene's mean irradiance above which they count as if it were that bright.
+const CEILING: f32 = 1.0;
 /// Standard error of a probe, in errors of the lightmap.
-const PROBE_ERROR: f32 = 0.65;
+const PROBE_ERROR: f32 = 1.0;
 /// Most rays that one probe casts on top of one per stratum, for an error of 2 %.
 const MOST_RAYS: f32 = 1800.0;
 
@@ -147,7 +149,7 @@ pub fn light(
     });
 
     let source = Source::new(lit, &bounce.irradiance, &bounce.groups, Some(&bounce.guide));
-    let floor = FLOOR * mean(texels, &direct.irradiance, &tree, &bounce.irradiance);
+    let mean = mean(texels, &direct.irradiance, &tree, &bounce.irradiance);
     let start = GatherStart { probes: before.probes, ..GatherStart::default() };
     let mut indirect = clock.measure(Stage::Gather, || {
         let mut watch = |gathering: &Gathering| {
@@ -158,7 +160,7 @@ pub fn light(
                 Some(draft(Milestone::Gather, &irradiance, squares).into())
             });
         };
-        let settings = cell_settings(error, floor);
+        let settings = cell_settings(error, mean);
         gather::indirect(&source, atlas, texels, &footprint, &settings, start, &mut watch, progress)
     })?;
     counts.solver.probes = indirect.probes.len() as u64;
@@ -168,7 +170,7 @@ pub fn light(
 
     let probes = std::mem::take(&mut indirect.probes);
     while let Some(refinement) = observer.judge(&lightmap, &probes, &counts)? {
-        indirect = gather_again(&source, &refinement, floor, indirect, &mut lightmap, &mut counts, clock, progress)?;
+        indirect = gather_again(&source, &refinement, mean, indirect, &mut lightmap, &mut counts, clock, progress)?;
         state = draft(Milestone::Final, &indirect.irradiance, indirect.squared_error).1;
         lightmap.combined = lightmap.direct.iter().zip(&indirect.irradiance).map(|(&d, &i)| d + i).collect();
     }
@@ -226,7 +228,7 @@ fn solution(
 fn gather_again(
     source: &Source,
     refinement: &Refinement,
-    floor: f32,
+    mean: f32,
     before: Indirect,
     lightmap: &mut Lightmap,
     counts: &mut Counts,
@@ -245,7 +247,7 @@ fn gather_again(
     let kept = 1.0 - wanted.iter().filter(|&&w| w).count() as f64 / texels.len() as f64;
     let start = GatherStart { irradiance: before.irradiance, groups: before.groups, wanted, probes: Vec::new() };
     let mut indirect = clock.measure(Stage::Gather, || {
-        gather::indirect(source, atlas, texels, footprint, &cell_settings(error, floor), start, &mut |_| (), progress)
+        gather::indirect(source, atlas, texels, footprint, &cell_settings(error, mean), start, &mut |_| (), progress)
     })?;
     indirect.squared_error += kept * before.squared_error;
     *counts.rays.entry(REFINE.into()).or_default() += cast + indirect.rays;
@@ -253,12 +255,12 @@ fn gather_again(
     Ok(indirect)
 }
 
-/// How finely the final gather works for a relative error of the lightmap.
-fn cell_settings(error: f32, floor: f32) -> CellSettings {
+/// How finely the final gather works for a relative error of the lightmap, whose mean is about `mean`, W/m².
+fn cell_settings(error: f32, mean: f32) -> CellSettings {
     // Enough to halve the error by four times the rays, but no endless run.
     let extra = (MOST_RAYS * (0.02 / error).powi(2)).min(1e6) as u32;
-    let probe = ProbeSettings { extra, tolerance: PROBE_ERROR * error, floor };
-    CellSettings { tolerance: 0.5 * error, floor, probe }
+    let probe = ProbeSettings { extra, tolerance: PROBE_ERROR * error, floor: FLOOR * mean, ceiling: CEILING * mean };
+    CellSettings { tolerance: 0.5 * error, probe }
 }
 
 /// Which emission rays meet, and all lamps: those of the scene, emitters that are sent like lamps, and bright parts of

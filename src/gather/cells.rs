@@ -45,10 +45,8 @@ const COS_NORMAL: f32 = 0.99;
 /// How fine the cells become.
 #[derive(Clone, Copy, Debug)]
 pub struct CellSettings {
-    /// Relative error at which a cell is fine enough.
+    /// Error at which a cell is fine enough, relative to the yardstick of probes.
     pub tolerance: f32,
-    /// Irradiance below which errors do not matter, W/m².
-    pub floor: f32,
     /// How its probes gather.
     pub probe: ProbeSettings,
 }
@@ -388,8 +386,9 @@ impl State<'_> {
     /// True if the corners foretell the probe of the texel in the middle.
     fn is_foretold(&self, corners: [u32; 4], blend: &Blend, middle: u32) -> bool {
         let found = self.probe(middle);
-        let all = found.irradiance.element_sum() / 3.0 + self.source.direct(middle) + self.settings.floor;
-        self.miss(corners, blend, middle) <= 2.0 * self.settings.tolerance * all + 2.0 * found.error
+        let all = found.irradiance.element_sum() / 3.0 + self.source.direct(middle);
+        let tolerance = self.settings.tolerance * self.settings.probe.yardstick(all);
+        self.miss(corners, blend, middle) <= 2.0 * tolerance + 2.0 * found.error
     }
 
     /// Texels that the cell must fill, with their page positions.
@@ -450,7 +449,8 @@ impl State<'_> {
         let t = self.texels;
         let mean = self.mean(corners);
         let direct = corners.map(|c| source.direct(c)).into_iter().fold(f32::INFINITY, f32::min);
-        if self.expected_error(cell.parent.as_ref(), corners) > settings.tolerance * (mean + direct + settings.floor) {
+        let tolerance = settings.tolerance * settings.probe.yardstick(mean + direct);
+        if self.expected_error(cell.parent.as_ref(), corners) > tolerance {
             return false;
         }
         let (size, reach) = self.size_and_reach(corners);

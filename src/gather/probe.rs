@@ -3,7 +3,6 @@
 //! The hemisphere is cut into strata of equal irradiance with one ray each; more rays go where the view changes, such
 //! as along the frame of a window. How many a stratum gets is told by its neighbours and not by its own ray: otherwise
 //! small bright things would be looked at again where a ray met them but not where it missed, and come out too dark.
-//! Only where several rays were cast anyhow do these speak for themselves.
 
 use super::footprint::{Footprint, Usable};
 use super::source::{Followed, Source};
@@ -37,10 +36,20 @@ const ROUNDS: u32 = 2;
 pub struct ProbeSettings {
     /// Most rays on top of one per stratum.
     pub extra: u32,
-    /// Standard error, relative to the irradiance with that from lamps, at which a probe is content.
+    /// Standard error at which a probe is content, relative to the [yardstick](Self::yardstick) of all light at it.
     pub tolerance: f32,
-    /// Irradiance below which errors do not matter, W/m².
+    /// What is added to every yardstick, so that errors in the dark matter less, W/m².
     pub floor: f32,
+    /// Irradiance above which a yardstick grows no more, W/m²: an error counts by what it adds to that of the whole
+    /// lightmap, and in the few texels that are far brighter than the mean a relative one would outweigh all others.
+    pub ceiling: f32,
+}
+
+impl ProbeSettings {
+    /// Irradiance by which errors are measured where all light together is `irradiance`, W/m².
+    pub fn yardstick(&self, irradiance: f32) -> f32 {
+        irradiance.min(self.ceiling) + self.floor
+    }
 }
 
 /// Irradiance at a texel, with what is needed to judge how far it reaches.
@@ -63,12 +72,14 @@ impl Probe {
     pub fn gather(source: &Source, footprint: &Footprint, texel: u32, settings: &ProbeSettings) -> Self {
         let usable = footprint.usable(texel);
         let view = View { source, usable: &usable, screen: source.start(texel, Side::Front).screen };
-        let lamps = source.direct(texel) + settings.floor;
+        let lamps = source.direct(texel);
         let mut strata = Strata::new(COARSE, source.groups());
         strata.fill(&view);
         // What the eye compares is all the light at the texel, not the part gathered here.
-        let all = |strata: &Strata| settings.tolerance * (strata.mean() + lamps / PI);
-        if allot(&strata.spread(), all(&strata), settings.extra).iter().sum::<u32>() > DEMANDING {
+        let allowed = |strata: &Strata, sent: f32| {
+            settings.tolerance * settings.yardstick(PI * strata.mean() + lamps + sent) / PI
+        };
+        if allot(&strata.spread(), allowed(&strata, 0.0), settings.extra).iter().sum::<u32>() > DEMANDING {
             strata = strata.finer();
             strata.fill(&view);
         }
@@ -82,21 +93,17 @@ impl Probe {
                 }
             }
         }
-        let mut spread = strata.spread();
         let mut groups = vec![Rgb::ZERO; source.groups()];
-        let sent = source.sent_to(&usable, 0.5 * PI * all(&strata), &mut groups);
-        let tolerance = all(&strata) + settings.tolerance * sent.irradiance.element_sum() / 3.0 / PI;
+        let sent = source.sent_to(&usable, 0.5 * PI * allowed(&strata, 0.0), &mut groups);
+        let tolerance = allowed(&strata, sent.irradiance.element_sum() / 3.0);
         for _ in 0..ROUNDS {
-            let counts = allot(&spread, tolerance, settings.extra);
+            let counts = allot(&strata.spread(), tolerance, settings.extra);
             for (s, &count) in counts.iter().enumerate() {
                 strata.look_closer(&view, s, count);
-                // So many rays may speak for themselves: whether one of them met something hardly matters.
-                if strata.all[s].count >= LOOKS {
-                    spread[s] = strata.all[s].variance().sqrt();
-                }
             }
         }
-        let variance: f32 = spread.iter().zip(&strata.all).map(|(&spread, s)| spread * spread / s.count as f32).sum();
+        let variance: f32 =
+            strata.spread().iter().zip(&strata.all).map(|(&spread, s)| spread * spread / s.count as f32).sum();
         strata.share_out(&mut groups);
         Self {
             irradiance: sent.irradiance + strata.irradiance(),

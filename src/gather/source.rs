@@ -22,6 +22,8 @@ const LEAST_OPEN: f32 = 0.25;
 const CONTACT: f32 = 1.0;
 /// Turns of a path at most.
 const MOST_TURNS: u32 = 8;
+/// Turns after which a path goes on by chance.
+const SURE_TURNS: u32 = 1;
 
 /// Where rays from the side of a surfel start.
 #[derive(Clone, Copy)]
@@ -83,6 +85,8 @@ struct Place {
     receiver: u32,
     /// True if the element is all that is met: nothing stands there or crosses it.
     is_clear: bool,
+    /// True if the light that lamps bring to its texel stands for that at the point: nothing touches the texel.
+    is_whole: bool,
 }
 
 /// Share of a texel that is seen, from the share of it that is open: what is wholly covered is seen through gaps.
@@ -102,7 +106,7 @@ pub struct Source<'a> {
     front: Vec<[f16; 3]>,
     /// Reflected radiance of every element, W/(m²·sr).
     elements: Vec<Rgb>,
-    /// Area of every element, m².
+    /// Area of every element, with what something stands on, m².
     areas: Vec<f32>,
     /// As `front` and `elements`, by light group.
     parts: Parts,
@@ -138,16 +142,17 @@ impl<'a> Source<'a> {
             .enumerate()
             .map(|(i, element)| {
                 let mut sum = Rgb::ZERO;
-                let mut area = 0.0;
+                let (mut area, mut extent) = (0.0, 0.0);
                 for s in element.surfels.clone() {
                     let a = surfels.area(s);
                     area += a;
+                    extent += surfels.extent(s);
                     sum += a * match element.side {
                         Side::Front => Rgb::from_array(front[s as usize].map(f16::to_f32)),
                         Side::Back => radiance(s, element_direct[i] + rest[i]),
                     };
                 }
-                (sum / area.max(f32::MIN_POSITIVE), area)
+                (sum / area.max(f32::MIN_POSITIVE), extent)
             })
             .unzip();
         // Only probes have them sent; not through what hides reflected light and no lamp.
@@ -222,6 +227,13 @@ impl<'a> Source<'a> {
             }
             let seed = hash3(seed, turn, at.surfel);
             weight *= self.lit.surfels.reflectance(at.surfel);
+            if turn >= SURE_TURNS {
+                let chance = weight.max_element().min(1.0);
+                if unit_float(hash2(seed, 3)) >= chance {
+                    break;
+                }
+                weight /= chance;
+            }
             let (direct, screen) = self.direct_at(&at, seed, weight * FRAC_1_PI, tally);
             radiance += weight * FRAC_1_PI * direct;
             let u = Vec2::new(unit_float(hash2(seed, 1)), unit_float(hash2(seed, 2)));
@@ -324,6 +336,7 @@ impl<'a> Source<'a> {
         };
         let place = lit.surfels.at(lit.atlas, instance, triangle, hit.barycentric).and_then(|surfel| {
             let is_clear = lit.surfels.is_clear(surfel);
+            let is_whole = is_clear && lit.footprint.open().get(surfel as usize).is_none_or(|&open| open == 1.0);
             let surfel = match lit.atlas.locate(instance, triangle, hit.barycentric) {
                 Some((_, p)) => lit.footprint.seen_at(surfel, p),
                 None => surfel,
@@ -333,7 +346,7 @@ impl<'a> Source<'a> {
             let shut = if side == Side::Front { lit.shut_receiver(surfel) } else { None };
             let receiver = shut.unwrap_or(element);
             let point = ray.origin + direction * hit.t;
-            Some(Place { point, normal, cosine: cosine.abs(), side, surfel, element, receiver, is_clear })
+            Some(Place { point, normal, cosine: cosine.abs(), side, surfel, element, receiver, is_clear, is_whole })
         });
         (own, place)
     }
@@ -367,12 +380,14 @@ impl<'a> Source<'a> {
         }
     }
 
-    /// Irradiance straight from lamps at a place, W/m²: its texel's if it has one, else sampled. With what is
-    /// counted of the sky by that. The tally gets `weight` times the irradiance.
+    /// Irradiance straight from lamps at a place, W/m²: its texel's if that has one for all of it, else sampled at the
+    /// very point, because a gap may be narrower than a texel. With what is counted of the sky by that. The tally gets `weight` times the irradiance.
     fn direct_at<T: Tally>(&self, place: &Place, seed: u32, weight: Rgb, tally: &mut T) -> (Rgb, Screen<'_>) {
         let LitScene { direct, lamps, .. } = self.lit;
         let s = place.surfel as usize;
-        if place.side == Side::Front && s < direct.irradiance.len() {
+        // What has no light has none anywhere.
+        let stands_for_all = |&e: &Rgb| place.is_whole || e == Rgb::ZERO;
+        if place.side == Side::Front && direct.irradiance.get(s).is_some_and(stands_for_all) {
             if T::COUNTS {
                 tally.lit(weight, direct.groups.of(s));
             }

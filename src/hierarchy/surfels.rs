@@ -141,6 +141,11 @@ impl<'a> Surfels<'a> {
         self.pick(s, texel, |p, i| p.area[i])
     }
 
+    /// Area with what something stands on or light goes through, m².
+    pub fn extent(&self, s: u32) -> f32 {
+        self.pick(s, |t, i| t.area[i], |p, i| p.area[i])
+    }
+
     /// Diffuse reflectance of what is there.
     pub fn reflectance(&self, s: u32) -> Rgb {
         self.pick(s, |t, i| t.reflectance[i], |p, i| p.reflectance[i])

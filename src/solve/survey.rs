@@ -6,7 +6,7 @@ use crate::hierarchy::{Hierarchy, Side, Surface, Surfels};
 use crate::math::{Sequence, cosine_hemisphere, hash2, hash3, unit_float};
 use crate::progress::{Cancelled, Progress};
 use crate::scene::Rgb;
-use glam::Vec3;
+use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 use std::f32::consts::PI;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -36,7 +36,8 @@ pub fn survey(
         .into_par_iter()
         .map(|e| {
             let (mut sky, mut lit) = (Rgb::ZERO, 0);
-            look(accel, surfels, tree, e, rays, |(position, normal), direction, of_sky, hit| {
+            let centre = |s: u32, _: Vec2| surfels.position(s);
+            look(accel, surfels, tree, e, rays, centre, |(position, normal), direction, of_sky, hit| {
                 if let Some(passed) = of_sky {
                     sky += passed * sky_radiance(position, normal, direction, 2.0 * PI / rays as f32);
                 }
@@ -67,7 +68,12 @@ pub fn hidden_backs(
     let seen: Vec<AtomicBool> = surfaces.iter().map(|_| AtomicBool::new(false)).collect();
     let scene = accel.scene();
     (0..tree.elements.len() as u32).into_par_iter().try_for_each(|e| {
-        look(accel, surfels, tree, e, rays, |_, _, _, hit| {
+        // What crosses a texel shows its back to a part of it, which its middle may not see.
+        let start = |s: u32, u: Vec2| match surfels.is_clear(s) || s as usize >= surfels.texels.len() {
+            true => surfels.position(s),
+            false => surfels.texels.surface(scene, atlas, s).sample(u).map_or(surfels.position(s), |p| p.position),
+        };
+        look(accel, surfels, tree, e, rays, start, |_, _, _, hit| {
             let Some((hit, Side::Back)) = hit else { return };
             let closed = scene.meshes[scene.instances[hit.instance as usize].mesh].closed;
             if closed || !is_two_sided(accel, hit) {
@@ -88,14 +94,16 @@ fn is_two_sided(accel: &Accel, hit: &Hit) -> bool {
     scene.material_of(scene.instances[hit.instance as usize].mesh, hit.triangle as usize).double_sided
 }
 
-/// Calls `visit` for every ray with where it starts, its direction, what translucent surfaces leave of the sky if it is
-/// seen, and the surface that is met. It is seen behind surfaces that cast no shadow.
+/// Calls `visit` for every ray with the middle and normal of the surfel that it starts from, its direction, what
+/// translucent surfaces leave of the sky if it is seen, and the surface that is met. It is seen behind surfaces that cast
+/// no shadow. `start` says where on a surfel, by a point of the unit square.
 fn look(
     accel: &Accel,
     surfels: &Surfels,
     tree: &Hierarchy,
     element: u32,
     rays: u32,
+    start: impl Fn(u32, Vec2) -> Vec3,
     mut visit: impl FnMut((Vec3, Vec3), Vec3, Option<Rgb>, Option<(&Hit, Side)>),
 ) {
     let node = tree.elements[element as usize].node;
@@ -104,7 +112,8 @@ fn look(
         let (surfel, side) = tree.sample(surfels, node, sequence.second(i).x);
         let normal = tree.normal(surfels, surfel, side);
         let direction = cosine_hemisphere(normal, sequence.first(i));
-        let origin = offset_origin(surfels.position(surfel), normal);
+        let inside = Vec2::new(sequence.second(i).y, unit_float(hash3(element, i, 0x1d5)));
+        let origin = offset_origin(start(surfel, inside), normal);
         let ray = Ray { origin, direction, t_min: 0.0, t_max: f32::INFINITY };
         let (of_sky, hit) = follow(accel, ray, hash3(element, i, 0x7a1));
         visit(
