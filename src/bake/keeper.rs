@@ -61,12 +61,13 @@ impl Pace {
         Self::every(BETWEEN_STATES)
     }
 
-    fn is_due(&self) -> bool {
+    /// True if it is.
+    pub(super) fn is_due(&self) -> bool {
         Instant::now() >= self.due
     }
 
     /// It was done, from `start` on.
-    fn done(&mut self, start: Instant) {
+    pub(super) fn done(&mut self, start: Instant) {
         // Who asks for no time between wants it at every opportunity.
         let rest = if self.least.is_zero() { Duration::ZERO } else { self.least.max(REST * start.elapsed()) };
         self.due = Instant::now() + rest;
