@@ -76,6 +76,9 @@ class Settings(_Strict):
     float_pages: Annotated[bool, Field(description="32-bit pages.")] = False
     light_units: Literal["photometric", "radiometric"] | None = None
     threads: Annotated[int | None, Field(ge=1)] = None
+    tiles: Annotated[
+        int, Field(ge=1, le=1024, description="Parts that a cluster or a farm gathers apart, each on any machine.")
+    ] = 1
     retries: Annotated[int, Field(ge=0, le=10, description="Further attempts after a crash.")] = 1
     timeout: Annotated[_Positive | None, Field(description="Seconds after which an attempt ends.")] = None
     usd: UsdOptions = UsdOptions()
