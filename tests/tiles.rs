@@ -161,25 +161,33 @@ fn what_is_there_is_not_done_again() {
     assert_eq!(events(&done(&bench, &["info", "work", "--json"]))[0]["done"], "0-3");
 }
 
+#[cfg(unix)]
 #[test]
-fn a_gather_that_was_killed_goes_on() {
-    let bench = finished();
-    let whole = fs::read(bench.path("work/tiles_0-2.lk")).expect("it is there");
-    fs::remove_file(bench.path("work/tiles_0-2.lk")).expect("it was there");
-    let mut command = Command::new(assert_cmd::cargo::cargo_bin("lightkiln"));
-    command.current_dir(bench.folder.path());
-    command.args(["gather", "work", "--tiles", "0-2", "--checkpoint", "0", "--json"]);
-    let mut child = command.stdout(Stdio::piped()).stderr(Stdio::null()).spawn().expect("it runs");
-    let mut lines = BufReader::new(child.stdout.take().expect("it is piped")).lines().map_while(Result::ok);
-    assert!(lines.by_ref().any(|line| line.contains("\"event\":\"checkpoint\"")));
-    child.kill().expect("it can be killed");
-    let _ = child.wait();
-    let after = fs::read(bench.path("work/tiles_0-2.lk")).expect("what it had was kept");
-    if after != whole {
-        refused(&bench, &["merge", "work", "--out", "maps"], 1, &["tiles 0-2 of", "are missing"]);
+fn a_gather_that_is_stopped_goes_on() {
+    let bench = Bench::new();
+    let cornell = scene("cornell_box.glb");
+    done(&bench, &["solve", &cornell, "--out", "work", "--resolution", "96", "--error", "0.7%"]);
+    gather(&bench, "0-3", &["--out", "whole.lk"]);
+    let whole = fs::read(bench.path("whole.lk")).expect("it was written");
+    for (signal, status) in [("KILL", None), ("INT", Some(130))] {
+        let mut command = Command::new(assert_cmd::cargo::cargo_bin("lightkiln"));
+        command.current_dir(bench.folder.path());
+        command.args(["gather", "work", "--tiles", "0-3", "--checkpoint", "0", "--json"]);
+        let mut child = command.stdout(Stdio::piped()).stderr(Stdio::null()).spawn().expect("it runs");
+        let mut lines = BufReader::new(child.stdout.take().expect("it is piped")).lines().map_while(Result::ok);
+        assert!(lines.by_ref().any(|line| line.contains("\"event\":\"checkpoint\"")));
+        let pid = child.id().to_string();
+        assert!(Command::new("kill").args([&format!("-{signal}"), &pid]).status().expect("kill exists").success());
+        let last = lines.last();
+        assert_eq!(child.wait().expect("it ends").code(), status, "{signal}");
+        if status.is_some() {
+            let last = last.expect("an error line");
+            assert!(last.contains("the same command goes on from `work/tiles_0-3.lk`"), "{last}");
+        }
+        refused(&bench, &["merge", "work", "--out", "maps"], 1, &["tiles 0-", "are missing"]);
     }
-    gather(&bench, "0-2", &[]);
-    assert!(fs::read(bench.path("work/tiles_0-2.lk")).expect("it is there") == whole);
+    gather(&bench, "0-3", &[]);
+    assert!(fs::read(bench.path("work/tiles_0-3.lk")).expect("it is there") == whole);
 }
 
 #[test]

@@ -72,7 +72,7 @@ fn seal(sink: &mut dyn Sink, magic: &str, head: &impl Serialize, content: &impl 
 pub(super) fn read(path: &Path, magic: &str) -> Result<Option<Sealed>, Unsound> {
     let bytes = match fs::read(path) {
         Ok(bytes) => bytes,
-        Err(e) if e.kind() == ErrorKind::NotFound => return Ok(None),
+        Err(e) if matches!(e.kind(), ErrorKind::NotFound | ErrorKind::NotADirectory) => return Ok(None),
         Err(source) => return Err(Unsound::Read(source)),
     };
     let parts = parts(&bytes, magic).ok_or(Unsound::Damaged)?;

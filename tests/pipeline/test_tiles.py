@@ -90,6 +90,8 @@ def test_dask_spreads_tiles_with_the_same_bits(fine: Path) -> None:
     assert len(done) == 4 and done[-1] == 1.0
     assert pages(fine) == expected
     assert not parts_left(fine)
+    report = json.loads((fine.parent / "baked" / "one" / "batch.json").read_text())
+    assert report["seconds"] > report["facts"]["baked_s"], "the time of all parts counts"
     # The split is no part of the result: nothing is stale by it.
     fine.write_text(FINE.replace("jobs = 2", "jobs = 1") + "tiles = 2\n")
     assert states(batch("run", fine, "--json")) == dict.fromkeys(ALL, "current")

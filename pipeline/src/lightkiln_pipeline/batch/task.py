@@ -183,12 +183,14 @@ def _finish(scene: Path, folder: Path, work: Path, settings: Settings, notes: No
 
 def _facts(report: dict[str, Any]) -> dict[str, Any]:
     """Figures of the baker's report that a batch's report shows."""
-    scene, atlas = report.get("scene", {}), report.get("atlas", {})
+    scene, atlas, audit = report.get("scene", {}), report.get("atlas", {}), report.get("audit") or {}
     return {
         "triangles": scene.get("triangles"),
         "texels": atlas.get("texels"),
         "baked_s": report.get("total", {}).get("wall_s"),
         "error_target": report.get("settings", {}).get("error"),
+        "error": audit.get("error", {}).get("value"),
+        "verdict": audit.get("verdict"),
         "memory_peak_bytes": report.get("memory_peak_bytes"),
     }
 

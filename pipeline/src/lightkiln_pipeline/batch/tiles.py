@@ -34,6 +34,7 @@ from .task import (
 
 _SOURCE = "source.json"
 _SOLUTION = "solution"
+_TIMES = "times"
 
 
 @dataclass(frozen=True)
@@ -51,6 +52,7 @@ class _Source:
 def solve_asset(task: Task, progress: Progress) -> None:
     """Makes what the baker reads, and its solution. Raises PipelineError with the reason if that is impossible."""
     check_baker(task)
+    start = time.monotonic()
     settings, scene = Settings.model_validate(task.settings), Path(task.scene)
     work = tiled(Path(task.folder), task.key)
     try:
@@ -62,16 +64,18 @@ def solve_asset(task: Task, progress: Progress) -> None:
     source = _source(work)
     options = [*light_options(settings, scene), *source.options, *thread_options(settings)]
     program.solve(work / source.glb, work / _SOLUTION, options, progress)
+    _note_time(work, "solve", start)
 
 
 def gather_asset(task: Task, parts: range, of: int, progress: Progress) -> None:
     """Gathers some of `of` parts of the tiles, those that are missing."""
     check_baker(task)
-    solution = _solution(task)
+    start, solution = time.monotonic(), _solution(task)
     count = program.tiles_of(solution)
     tiles = range(parts.start * count // of, parts.stop * count // of)
     if tiles:
         program.gather(solution, tiles, thread_options(Settings.model_validate(task.settings)), progress)
+        _note_time(solution.parent, f"gather {tiles[0]}-{tiles[-1]}", start)
 
 
 def merge_asset(task: Task, progress: Progress) -> Stamp:
@@ -79,13 +83,29 @@ def merge_asset(task: Task, progress: Progress) -> Stamp:
     check_baker(task)
     settings, folder = Settings.model_validate(task.settings), Path(task.folder)
     solution = _solution(task)
-    start, notes = time.monotonic(), Notes()
+    # What the parts took on all machines counts.
+    start, notes = time.monotonic() - _times(solution.parent), Notes()
     for place, message in _source(solution.parent).notes:
         notes.add(place, message)
     options = [*form_options(settings), *thread_options(settings)]
     with scratch(folder) as work:
         result = program.merge(solution, work, options, progress)
         return finished(task, work, result, notes, start, progress)
+
+
+def _note_time(work: Path, part: str, start: float) -> None:
+    """Keeps how long a part took. One that found all there already leaves the time of the one that did the work."""
+    path = work / _TIMES / part
+    seconds = time.monotonic() - start
+    path.parent.mkdir(exist_ok=True)
+    if not path.is_file() or float(path.read_text(encoding="utf-8")) < seconds:
+        write_atomically(path, str(seconds))
+
+
+def _times(work: Path) -> float:
+    """Seconds that all parts took together."""
+    times = (path for path in (work / _TIMES).glob("*") if not path.name.startswith("."))
+    return sum(float(path.read_text(encoding="utf-8")) for path in times)
 
 
 def _make_source(scene: Path, work: Path, settings: Settings, progress: Progress) -> None:
