@@ -389,7 +389,7 @@ mod tests {
         let tiles: TileSet = "2-5".parse().expect("tiles");
         let path = tiles_path(folder.path(), &tiles).expect("a short name");
         write_tiles(&path, &TilesHead::new(&own, tiles), &7u32).expect("there is room");
-        assert_eq!(tile_files(folder.path()).expect("it is readable"), [path.clone()]);
+        assert_eq!(tile_files(folder.path()).expect("it is readable"), std::slice::from_ref(&path));
         let (read, content) = read_tiles::<u32>(&path, &own).expect("they are its own").expect("they are there");
         assert_eq!((read.tiles.to_string().as_str(), content), ("2-5", 7));
         let refused = |other: &SolutionHead, reason: &str| {

@@ -41,7 +41,7 @@ class UsdOptions(_Strict):
     layer: Annotated[Literal["usdc", "usda", "none"], Field(description="Kind of the layer with the result.")] = "usdc"
 
 
-TextureFormat = Literal["tx", "exr", "hdr", "rgbm", "rgbd", "logluv", "ktx2"]
+TextureFormat = Literal["tx", "exr", "hdr", "rgbm", "rgbd", "logluv", "ktx2", "bc6h"]
 
 
 class TextureOptions(_Strict):

@@ -138,6 +138,11 @@ def thread_options(settings: Settings) -> list[str]:
 
 def prepared(scene: Path, folder: Path, settings: Settings, notes: Notes, progress: Progress) -> tuple[Path, list[str]]:
     """The GLB to bake, made in `folder` if it must be, and the options that its kind needs."""
+    if settings.textures.formats:
+        from ..textures.export import check_formats
+
+        # Before the long work that comes first.
+        check_formats(settings.textures)
     kind = scene.suffix.lower()
     glb = folder / f"{scene.stem}.glb"
     if kind in USD_KINDS:
