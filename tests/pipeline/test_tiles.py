@@ -17,7 +17,8 @@ from lightkiln_pipeline.batch.task import Task, in_parts
 from lightkiln_pipeline.batch.tiles import gather_asset, merge_asset, solve_asset
 from lightkiln_pipeline.errors import EnvironmentFault, PipelineError
 
-FINE = MANIFEST.replace("texels_per_metre = 20", "texels_per_metre = 60")
+OPTIONS = 'texels_per_metre = 60\ngroups = true\naudit = "off"'
+FINE = MANIFEST.replace("texels_per_metre = 20", OPTIONS)
 
 
 @pytest.fixture
@@ -38,6 +39,7 @@ def single(show: Path) -> dict[str, bytes]:
     batch("run", show)
     found = pages(show)
     assert {Path(name).parent.as_posix() for name in found} == ALL
+    assert len(found) > len(ALL), "light groups have pages, too"
     forget(show)
     return found
 
@@ -140,7 +142,7 @@ def test_bundle_with_tiles_is_accepted_and_runs(fine: Path, tmp_path: Path) -> N
     pytest.importorskip("openjd.cli")
     expected = single(fine)
     fine.write_text(FINE.replace('scenes = ["*.usda", "kit/*.glb"]', 'scenes = ["*.usda"]\ntiles = 4'))
-    fine.write_text(fine.read_text() + '[[assets]]\nscenes = ["kit/*.glb"]\nerror = "10%"\ntexels_per_metre = 60\n')
+    fine.write_text(fine.read_text() + '[[assets]]\nscenes = ["kit/*.glb"]\nerror = "10%"\n' + OPTIONS + "\n")
     batch("bundle", fine, tmp_path / "job")
     template = tmp_path / "job" / "template.json"
     steps = {step["name"]: step for step in json.loads(template.read_text())["steps"]}

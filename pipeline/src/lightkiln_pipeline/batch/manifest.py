@@ -73,6 +73,12 @@ class Settings(_Strict):
     unwrapper: Literal["xatlas", "fast"] | None = None
     padding: Annotated[int | None, Field(ge=0, le=64)] = None
     quantity: Literal["irradiance", "radiance", "radiosity"] | None = None
+    groups: Annotated[bool, Field(description="Pages for every light group, and what `lightkiln relight` needs.")] = (
+        False
+    )
+    audit: Annotated[
+        Literal["auto", "thorough", "off"] | None, Field(description="How much to spend on finding the error reached.")
+    ] = None
     float_pages: Annotated[bool, Field(description="32-bit pages.")] = False
     light_units: Literal["photometric", "radiometric"] | None = None
     threads: Annotated[int | None, Field(ge=1)] = None

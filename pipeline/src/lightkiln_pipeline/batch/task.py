@@ -122,13 +122,15 @@ def light_options(settings: Settings, scene: Path) -> list[str]:
         "--unwrapper": settings.unwrapper,
         "--padding": settings.padding,
     }
-    return [word for key, value in named.items() if value is not None for word in (key, str(value))]
+    options = [word for key, value in named.items() if value is not None for word in (key, str(value))]
+    return [*options, *(["--groups"] if settings.groups else [])]
 
 
 def form_options(settings: Settings) -> list[str]:
     """What the pages look like, as arguments of the baker."""
     quantity = ["--quantity", settings.quantity] if settings.quantity else []
-    return [*quantity, "--force", *(["--float"] if settings.float_pages else [])]
+    audit = ["--audit", settings.audit] if settings.audit else []
+    return [*quantity, *audit, "--force", *(["--float"] if settings.float_pages else [])]
 
 
 def thread_options(settings: Settings) -> list[str]:
