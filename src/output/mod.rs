@@ -7,6 +7,7 @@ pub mod glb;
 mod heat;
 pub mod html;
 pub mod identity;
+mod part_error;
 pub mod process;
 pub mod report;
 mod sealed;
@@ -16,8 +17,8 @@ mod tile_set;
 
 pub use checkpoint::CheckpointError;
 pub use files::{OutputError, OutputSet, open_result, read_result};
+pub use part_error::PartError;
 pub use report::Report;
-pub use solved::PartError;
 pub use tile_set::TileSet;
 
 use crate::units::Quantity;
