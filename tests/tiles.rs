@@ -219,6 +219,13 @@ fn damaged_and_foreign_tiles_are_refused_by_name() {
     refused(&bench, &["merge", "work", &file, "--out", "maps"], 1, &["error 0.1, not 0.05"]);
     let elsewhere = other.path("work").to_string_lossy().into_owned();
     refused(&bench, &["merge", "work", &elsewhere, "--out", "maps"], 1, &["are different solutions"]);
+    // The error of the last probe is another one; the file is whole.
+    let mut other = whole[..whole.len() - 12].to_vec();
+    let place = other.len() - 5;
+    other[place] ^= 1;
+    fs::write(bench.path("other.lk"), sealed(&other)).expect("there is room");
+    let both = ["tiles_0-2.lk` (tiles 0-2)", "other.lk` (tiles 0-2)", "disagree about the same texels"];
+    refused(&bench, &["merge", "work", "other.lk", "--out", "maps"], 1, &both);
     refused(&bench, &["merge", "nothing", "--out", "maps"], 1, &["there is no `nothing`"]);
     refused(&bench, &["merge", ".", "--out", "maps"], 1, &["there is no solution in `.`"]);
     done(&bench, &merge);
