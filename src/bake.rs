@@ -4,6 +4,7 @@ mod groups;
 mod keeper;
 mod light;
 mod observer;
+mod part;
 mod preview;
 mod refine;
 mod relight;
@@ -138,7 +139,11 @@ pub fn bake(path: &Path, settings: &Settings, progress: &dyn Progress) -> Result
         let message = "an interrupted bake has left it, and it is not used: --resume goes on from it";
         warnings.push(Warning::new("checkpoint_unused", "checkpoint.lk", message));
     }
-    let groups = if settings.output.groups { LightGroups::named(&scene) } else { LightGroups::none(&scene) };
+    let groups = match (settings.output.groups, settings.light.is_all()) {
+        (true, _) => LightGroups::named(&scene),
+        (false, true) => LightGroups::none(&scene),
+        (false, false) => LightGroups::of_lamps(&scene),
+    };
     warnings.extend(groups::too_many(&groups));
     warnings.iter().for_each(|w| progress.warn(w));
     for material in &mut scene.materials {
@@ -181,23 +186,26 @@ pub fn bake(path: &Path, settings: &Settings, progress: &dyn Progress) -> Result
         refinements: Vec::new(),
         checkpoints: settings.checkpoint.map(|every| (Pace::every(every), key)),
     };
-    let Lit { lightmap, state, counts, patches } = if settings.preview {
-        let Preview { lightmap, state, counts, .. } = preview(&accel, &atlas, &texels, &clock, progress)?;
+    let Lit { mut lightmap, state, counts, patches } = if settings.preview {
+        let Preview { lightmap, state, counts, .. } = preview(&accel, &atlas, &texels, &groups, &clock, progress)?;
         // It is judged, if that is asked for, but stays what it is.
         keeper.judge(&lightmap, &[], &counts)?;
         keeper.refinements.clear();
         Lit { lightmap, state, counts, patches: None }
     } else {
-        let first = keeper.first_look()?;
+        let first = keeper.first_look(&groups)?;
         light(&accel, &atlas, &texels, &groups, settings.error, first.as_ref(), &mut keeper, &clock, progress)?
     };
     let (irradiance, audit) = match keeper.judged.take() {
-        Some(judged) => judged,
-        None => (keeper.finish(&lightmap)?, None),
+        Some(judged) if settings.light.is_all() => judged,
+        judged => {
+            settings.light.keep(&mut lightmap.combined, &lightmap.direct_groups);
+            (keeper.finish(&lightmap)?, judged.and_then(|(_, audit)| audit))
+        }
     };
     let refinements = keeper.refinements;
     let findings = Findings { state, counts, audit, refinements, warnings };
-    let grouped = patches.as_ref().map(|patches| GroupedLight {
+    let grouped = patches.as_ref().filter(|_| settings.output.groups).map(|patches| GroupedLight {
         subject: &subject,
         groups: &groups,
         lightmap: &lightmap,

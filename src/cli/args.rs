@@ -4,7 +4,7 @@ use clap::{Args, Parser, Subcommand, ValueEnum};
 use lightkiln::atlas::{AtlasSettings, Unwrapper, UvMode};
 use lightkiln::audit::Effort;
 use lightkiln::bake::RelightSettings;
-use lightkiln::config::{ERROR_RANGE, Settings};
+use lightkiln::config::{ERROR_RANGE, LightPart, Settings};
 use lightkiln::import::ImportSettings;
 use lightkiln::output::{OutputSettings, Precision};
 use lightkiln::relight::Assignment;
@@ -80,6 +80,9 @@ pub(crate) struct BakeArguments {
     /// Keep light groups apart: pages of each beside the whole, and what relighting needs.
     #[arg(long, conflicts_with = "preview")]
     groups: bool,
+    /// Which light to keep: all of it, what comes straight from lamps, or the rest [default: combined].
+    #[arg(long, value_enum, conflicts_with = "groups")]
+    light: Option<LightChoice>,
     /// What a texel means.
     #[arg(long, value_enum, default_value_t)]
     quantity: QuantityChoice,
@@ -193,6 +196,17 @@ enum UnwrapperChoice {
 }
 
 #[derive(Clone, Copy, Debug, Default, ValueEnum)]
+enum LightChoice {
+    /// All light.
+    #[default]
+    Combined,
+    /// Straight from lamps: neither sky nor emissive surfaces, and no bounce.
+    Direct,
+    /// Sky, emissive surfaces and every bounce.
+    Indirect,
+}
+
+#[derive(Clone, Copy, Debug, Default, ValueEnum)]
 enum QuantityChoice {
     /// E, W/m²: three.js.
     #[default]
@@ -262,6 +276,11 @@ impl BakeArguments {
                     QuantityChoice::Radiosity => Quantity::Radiosity,
                 },
                 precision: if self.float { Precision::Float } else { Precision::Half },
+            },
+            light: match self.light.unwrap_or_default() {
+                LightChoice::Combined => LightPart::Combined,
+                LightChoice::Direct => LightPart::Direct,
+                LightChoice::Indirect => LightPart::Indirect,
             },
             error: self.error,
             preview: self.preview,
@@ -387,6 +406,8 @@ mod tests {
         assert_eq!(s.output.precision, Precision::Float);
         assert_eq!(s.import.scene.as_deref(), Some("2"));
         assert_eq!(s.audit, Effort::Auto);
+        assert_eq!(s.light, LightPart::Combined);
+        assert_eq!(settings(&["--light", "indirect"]).light, LightPart::Indirect);
         assert_eq!(settings(&["--audit", "off"]).audit, Effort::Off);
         assert_eq!(settings(&["--audit", "thorough"]).audit, Effort::Thorough);
     }
