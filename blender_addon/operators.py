@@ -3,7 +3,7 @@
 
 import bpy
 
-from . import apply, receivers, session
+from . import apply, live, receivers, relit, session
 from .errors import BakeError
 
 
@@ -46,7 +46,7 @@ class LIGHTKILN_OT_bake(bpy.types.Operator):
             if bpy.app.background or not context.window_manager.windows:
                 self.report({"INFO"}, session.run_blocking(context.scene, context.view_layer))
             else:
-                session.start(context.scene, context.view_layer, preview=True)
+                session.start(context.scene, context.view_layer, progressive=True)
                 session.run_in_window()
         except BakeError as error:
             self.report({"ERROR"}, str(error))
@@ -68,6 +68,35 @@ class LIGHTKILN_OT_cancel(bpy.types.Operator):
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Asks the baker to end."""
         session.cancel()
+        return {"FINISHED"}
+
+
+class LIGHTKILN_OT_relight(bpy.types.Operator):
+    """Show the lightmap in the light that lamps, world and emissive materials give now, without a bake"""
+
+    bl_idname = "lightkiln.relight"
+    bl_label = "Relight"
+    bl_options = {"REGISTER", "UNDO"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """There must be light groups of a bake, and no bake may be running."""
+        cls.poll_message_set("Switch on Light Groups and bake")
+        return session.running is None and relit.solution(context.scene) is not None
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Relights: to the end without a window, else in the background."""
+        try:
+            if bpy.app.background or not context.window_manager.windows:
+                work = live.relight_blocking(context.scene, context.view_layer)
+                if work.stale:
+                    self.report({"WARNING"}, f"Needs a bake: {'; '.join(work.stale)}")
+            else:
+                live.stop()
+                live.begin(context.scene, context.view_layer, anyway=True)
+        except BakeError as error:
+            self.report({"ERROR"}, str(error))
+            return {"CANCELLED"}
         return {"FINISHED"}
 
 
@@ -143,6 +172,7 @@ class LIGHTKILN_OT_remove(_OnLightmap, bpy.types.Operator):
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Removes it."""
         apply.remove(context.scene, keep_maps=self.keep_maps)
+        relit.forget(context.scene)
         context.scene.lightkiln.summary = ""
         return {"FINISHED"}
 
@@ -157,6 +187,7 @@ class LIGHTKILN_OT_detach(_OnLightmap, bpy.types.Operator):
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Detaches them."""
         apply.detach(context.scene)
+        relit.forget(context.scene)
         context.scene.lightkiln.summary = ""
         return {"FINISHED"}
 
@@ -164,6 +195,7 @@ class LIGHTKILN_OT_detach(_OnLightmap, bpy.types.Operator):
 CLASSES = (
     LIGHTKILN_OT_bake,
     LIGHTKILN_OT_cancel,
+    LIGHTKILN_OT_relight,
     LIGHTKILN_OT_report,
     LIGHTKILN_OT_view,
     LIGHTKILN_OT_compare,

@@ -12,6 +12,8 @@ import bpy
 from .errors import BakeError
 
 LINEAR = "Linear Rec.709"
+# What the baker calls its page.
+PAGE = "lightmap_0.exr"
 
 
 def check_folder(scene: bpy.types.Scene) -> None:
@@ -77,6 +79,26 @@ def store_image(scene: bpy.types.Scene, exr: Path) -> bpy.types.Image:
     elif bpy.data.filepath and scene.lightkiln.folder.startswith("//"):
         image.filepath = bpy.path.relpath(str(path))
     return image
+
+
+def store_groups(scene: bpy.types.Scene, results: Path) -> str:
+    """Keeps the light of all groups and returns its folder, as a path that the .blend can hold.
+
+    Beside the lightmap; for one that is packed, in a folder that lasts until Blender is closed.
+    """
+    settings = scene.lightkiln
+    name = f"{result_name(scene)}.groups"
+    packed = settings.storage == "PACKED"
+    folder = Path(bpy.app.tempdir) / name if packed else output_folder(scene) / name
+    folder.mkdir(parents=True, exist_ok=True)
+    for old in (*folder.glob("lightmap_0.*.exr"), *folder.glob("solution.lk")):
+        old.unlink()
+    # What relighting starts from comes last: without it the folder counts as empty.
+    found = results.glob("solution.lk") if packed else (*results.glob("lightmap_0.*.exr"), *results.glob("solution.lk"))
+    for file in found:
+        shutil.copyfile(file, folder / file.name)
+    relative = not packed and bpy.data.filepath and settings.folder.startswith("//")
+    return bpy.path.relpath(str(folder)) if relative else str(folder)
 
 
 def store_glb(scene: bpy.types.Scene, glb: Path) -> Path:

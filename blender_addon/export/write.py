@@ -15,7 +15,7 @@ from ..errors import Note
 from ..places import Page, Receiver
 from .axes import CHANGE, placement
 from .glb import EXTENSION, Glb, Json
-from .lamps import profile_text, read_lamp
+from .lamps import lamp_group, profile_text, read_lamp
 from .materials import BakedColors, Materials
 from .snapshot import Instance, MeshData, Snapshot
 from .world import environment
@@ -48,8 +48,9 @@ class Writer:
         """
         for instance in self._snapshot.instances:
             self._add_instance(instance, baked)
-        for name, light, matrix in self._snapshot.lamps:
+        for name, light, matrix, group in self._snapshot.lamps:
             lamp, node, notes = read_lamp(name, light, matrix)
+            lamp["group"] = group or lamp_group(light)
             node["extras"] = {"lightkiln": {"object": name}}
             profile = profile_text(light)
             if profile is not None:
@@ -89,6 +90,8 @@ class Writer:
             extension["lightmap"] = False
         if not instance.casts_shadow:
             extension["castsShadows"] = False
+        if instance.group:
+            extension["group"] = instance.group
         node: Json = {"name": instance.name, **(place or {})}
         node["extras"] = {"lightkiln": {"object": instance.name, "instance": list(instance.key[2])}}
         if extension:

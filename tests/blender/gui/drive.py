@@ -34,7 +34,7 @@ def build_scene() -> None:
     settings = bpy.context.scene.lightkiln
     settings.storage, settings.density, settings.error = "PACKED", 48, 1
     # A bake that is cancelled after its preview keeps it; the first one here shall leave nothing.
-    settings.preview = False
+    settings.progressive = False
 
 
 def shot(name: str) -> None:
@@ -123,7 +123,7 @@ def steps() -> Iterator[float]:
     shot("cancelled")
 
     bpy.context.scene.lightkiln.error = 10
-    bpy.context.scene.lightkiln.preview = True
+    bpy.context.scene.lightkiln.progressive = True
     bake_type = sys.modules[f"{ADDON}.bake"].Bake
     bake_type.steps = timed(bake_type.steps)
     yield from press_top_button(session, until_running=True)
