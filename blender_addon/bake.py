@@ -22,7 +22,7 @@ from . import apply, light_state, program, receivers
 from .changes import Changes
 from .draft import Draft
 from .errors import BakeError, Cancelled, Note
-from .export.color_bake import Wish, baked_colors
+from .export.color_bake import baked_colors, wishes
 from .export.snapshot import take
 from .export.write import Writer
 from .job import Job
@@ -169,7 +169,7 @@ class Bake:
             message = f"the resolution limit lowers the texel density to {100 * page.lowered:.0f} %: raise it"
             self.notes.append(Note(scene.name, message))
         writer = Writer(snapshot, page, chosen)
-        with baked_colors(self._unread(page, chosen, writer)) as baked:
+        with baked_colors(wishes(page, chosen, writer)) as baked:
             writer.collect(scene.world, folder, baked.colors)
         self.notes += baked.notes
         self.notes += writer.notes
@@ -178,20 +178,6 @@ class Bake:
                 f"The scene `{scene.name}` has no light: add a lamp, a world colour or an emissive material"
             )
         return page, chosen, writer
-
-    def _unread(self, page: Page, chosen: list[Receiver], writer: Writer) -> list[Wish]:
-        """What Cycles must bake, once per mesh."""
-        by_uid = {ob.session_uid: ob for ob in bpy.data.objects}
-        wishes: dict[int, Wish] = {}
-        for receiver in chosen:
-            number = receiver.instance.mesh
-            channels = writer.unread(number)
-            ob = by_uid[receiver.instance.key[0]]
-            if channels and number not in wishes and ob.type == "MESH":
-                scale = page.places[receiver.instance.key].values[0]
-                side = round(scale * page.side)
-                wishes[number] = Wish(number, ob, receiver.instance.matrix, receiver.uv_map, side, channels)
-        return list(wishes.values())
 
     def _in_thread(self, work: Callable[[], None]) -> Iterator[None]:
         """Runs work that needs no Blender data while the window lives on."""

@@ -26,7 +26,7 @@ class Job:
     """A running baker. `poll` until `finished`, then `result`."""
 
     def __init__(self, program: Path, task: str, source: Path, folder: Path, options: list[str]) -> None:
-        """Starts `task`, "bake" or "relight", on `source` into `folder`. Raises BakeError if the program does not start."""
+        """Starts `task`, "bake" or "relight", on `source` into `folder`. Raises BakeError if it does not start."""
         command = [str(program), task, str(source), "--out", str(folder), "--force", "--json", *options]
         self.stage = "import"
         self.done = 0.0

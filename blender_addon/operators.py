@@ -1,9 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Operators: bake, cancel, and what can be done with a lightmap. All work headless and can be undone."""
 
+from collections.abc import Callable
+from pathlib import Path
+
 import bpy
 
-from . import apply, live, receivers, relit, session
+from . import apply, engine_export, live, receivers, relit, session
 from .errors import BakeError
 
 
@@ -192,7 +195,57 @@ class LIGHTKILN_OT_detach(_OnLightmap, bpy.types.Operator):
         return {"FINISHED"}
 
 
+class LIGHTKILN_OT_export_glb(_OnLightmap, bpy.types.Operator):
+    """Write the scene with its lightmap as a glTF file for engines, and the lightmap as an EXR, to the output folder"""
+
+    bl_idname = "lightkiln.export_glb"
+    bl_label = "Export Lit GLB"
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Writes them."""
+        return _exported(self, context, lambda scene, layer: engine_export.write_glb(scene, layer)[0])
+
+
+class LIGHTKILN_OT_export_usd(_OnLightmap, bpy.types.Operator):
+    """Write the scene as USD with a layer that shows its lightmap, and the lightmap as an EXR, to the output folder"""
+
+    bl_idname = "lightkiln.export_usd"
+    bl_label = "Export USD"
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """This Blender must have USD."""
+        if not engine_export.has_usd():
+            cls.poll_message_set("This Blender was built without USD")
+            return False
+        return super().poll(context)
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Writes them."""
+        return _exported(self, context, engine_export.write_usd)
+
+
+def _exported(
+    operator: bpy.types.Operator,
+    context: bpy.types.Context,
+    write: Callable[[bpy.types.Scene, bpy.types.ViewLayer], list[Path]],
+) -> set[str]:
+    """Writes files and reports them."""
+    if context.scene.lightkiln.image is None:
+        operator.report({"ERROR"}, "The lightmap's image was deleted: bake again")
+        return {"CANCELLED"}
+    try:
+        files = write(context.scene, context.view_layer)
+    except (BakeError, OSError) as error:
+        operator.report({"ERROR"}, str(error))
+        return {"CANCELLED"}
+    operator.report({"INFO"}, f"Wrote {', '.join(file.name for file in files)} to {files[0].parent}")
+    return {"FINISHED"}
+
+
 CLASSES = (
+    LIGHTKILN_OT_export_glb,
+    LIGHTKILN_OT_export_usd,
     LIGHTKILN_OT_bake,
     LIGHTKILN_OT_cancel,
     LIGHTKILN_OT_relight,

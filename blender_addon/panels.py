@@ -120,6 +120,9 @@ def _draw_result(layout: bpy.types.UILayout, settings: bpy.types.PropertyGroup) 
     row.operator("lightkiln.compare", icon="ARROW_LEFTRIGHT")
     row.operator("lightkiln.detach", icon="UNLINKED")
     row.operator("lightkiln.remove", text="Remove", icon="TRASH")
+    row = layout.row(align=True)
+    row.operator("lightkiln.export_glb", icon="EXPORT")
+    row.operator("lightkiln.export_usd", icon="EXPORT")
 
 
 def _draw_relight(layout: bpy.types.UILayout, settings: bpy.types.PropertyGroup, context: bpy.types.Context) -> None:
