@@ -122,13 +122,15 @@ def _redraw() -> None:
 @bpy.app.handlers.persistent
 def _changed(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
     global _first, _last
-    if scene.lightkiln.image is None or session.running is not None:
+    is_baking = session.running is not None
+    if scene.lightkiln.image is None and not is_baking:
         return
     touched = [update.id.original for update in depsgraph.updates if isinstance(update.id, _KINDS)]
     if not touched:
         return
     material_sync.follow(scene, [i for i in touched if isinstance(i, bpy.types.Material)])
-    if scene.lightkiln.live and scene.lightkiln.solution and not bpy.app.background:
+    # What is changed during a bake is seen to when it ends.
+    if scene.lightkiln.live and (scene.lightkiln.solution or is_baking) and not bpy.app.background:
         _last = time.monotonic()
         _first = _first or _last
         _wake()

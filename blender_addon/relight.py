@@ -37,6 +37,8 @@ class Relight:
         plan = planned(scene, light_state.read(scene, view_layer))
         self.settings = plan.settings()
         self.stale = plan.stale
+        # What the scene remembers of it; nothing for the light of the bake.
+        self._shows = "\n".join(self.settings) if plan.changes_light else ""
         self._scene_uid = scene.session_uid
         self._job: Job | None = None
 
@@ -44,7 +46,7 @@ class Relight:
     def is_needed(self) -> bool:
         """True if the lightmap does not show these lights yet."""
         scene = self.scene
-        return bool(self.settings) and (scene is None or scene.lightkiln.relit != "\n".join(self.settings))
+        return bool(self.settings) and scene is not None and scene.lightkiln.relit != self._shows
 
     @property
     def scene(self) -> bpy.types.Scene | None:
@@ -88,4 +90,4 @@ class Relight:
         if scene is None or scene.lightkiln.image is None or not scene.lightkiln.solution:
             raise Cancelled
         store_image(scene, exr)
-        scene.lightkiln.relit = "\n".join(self.settings)
+        scene.lightkiln.relit = self._shows

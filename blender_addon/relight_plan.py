@@ -22,6 +22,11 @@ class Plan:
     factors: dict[str, Rgb]
     stale: list[str]
 
+    @property
+    def changes_light(self) -> bool:
+        """True if any light is not as it was baked."""
+        return any(factor != UNCHANGED for factor in self.factors.values())
+
     def settings(self) -> list[str]:
         """What the baker is told to set; it wants at least one change."""
         changed = {group: f for group, f in self.factors.items() if f != UNCHANGED}

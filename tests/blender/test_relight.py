@@ -168,6 +168,49 @@ def test_emission_is_edited_in_the_lit_material() -> None:
     assert "gave no light of one of its colours" in relight()
 
 
+def checkered_sky() -> tuple[bpy.types.Node, bpy.types.Node]:
+    """A sky that must be rendered. Returns its background and its pattern."""
+    tree = world((1, 1, 1), 1.0).node_tree
+    background, checker = tree.nodes["Background"], tree.nodes.new("ShaderNodeTexChecker")
+    tree.links.new(checker.outputs["Color"], background.inputs["Color"])
+    return background, checker
+
+
+def test_the_strength_of_a_picture_is_relit_and_another_picture_is_not() -> None:
+    floor = quad("Floor", 1)
+    background, checker = checkered_sky()
+    glow = material("Glow", "ShaderNodeEmission", Strength=2.0)
+    tree, image = glow.node_tree, bpy.data.images.new("Picture", 4, 4)
+    image.generated_type = "COLOR_GRID"
+    picture = tree.nodes.new("ShaderNodeTexImage")
+    picture.image = image
+    tree.links.new(picture.outputs["Color"], tree.nodes["Emission"].inputs["Color"])
+    panel = quad("Panel", 0.3, (0, 0.6, 0.5), rotation_euler=(math.pi / 2, 0, 0))
+    panel.data.materials.append(glow)
+    bake()
+    before = irradiance(floor)
+    background.inputs["Strength"].default_value = 3
+    tree.nodes["Emission"].inputs["Strength"].default_value = 6
+    assert relight() == ""
+    assert irradiance(floor) == pytest.approx(3 * before, rel=3e-3)
+    checker.inputs["Scale"].default_value = 9
+    picture.image = bpy.data.images.new("Other picture", 4, 4)
+    stale = relight()
+    assert "the world `World` has another" in stale and "the emission of `Glow` has another" in stale
+
+
+def test_too_many_lamps_share_a_group() -> None:
+    floor = quad("Floor", 1)
+    lamps = [lamp("POINT", (0.02 * i, 0, 1), energy=1, shadow_soft_size=0) for i in range(34)]
+    bake()
+    before = irradiance(floor)
+    lamps[0].data.energy = 20
+    assert relight() == ""
+    assert irradiance(floor).min() > 1.3 * before.max()
+    lamps[33].data.energy = 20
+    assert "share the light group `others`" in relight()
+
+
 def test_a_lightmap_without_groups_cannot_be_relit() -> None:
     stage()
     settings = bpy.context.scene.lightkiln
