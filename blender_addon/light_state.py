@@ -97,15 +97,23 @@ def read(scene: bpy.types.Scene, view_layer: bpy.types.ViewLayer) -> LightState:
 
 
 def _placed(view_layer: bpy.types.ViewLayer) -> Iterator[tuple[str, bpy.types.Object, Matrix]]:
-    """Rendered objects and children of instanced collections, with what the export calls them."""
+    """Rendered objects and what instanced collections hold, however deep, with what the export calls them."""
     for ob in sorted(rendered_objects(view_layer), key=lambda ob: ob.name_full):
-        if ob.type == "LIGHT" or ob.type in LIT_TYPES:
-            yield ob.name, ob, ob.matrix_world
-        elif ob.instance_type == "COLLECTION" and ob.instance_collection:
-            offset = Matrix.Translation(-ob.instance_collection.instance_offset)
-            for child in ob.instance_collection.all_objects:
-                if not child.hide_render and (child.type == "LIGHT" or child.type in LIT_TYPES):
-                    yield f"{ob.name}/{child.name}", child, ob.matrix_world @ offset @ child.matrix_world
+        yield from _shown(ob.name, ob, ob.matrix_world, ())
+
+
+def _shown(
+    name: str, ob: bpy.types.Object, matrix: Matrix, within: tuple[bpy.types.Collection, ...]
+) -> Iterator[tuple[str, bpy.types.Object, Matrix]]:
+    """An object, or what the collection that it shows holds. `within`: collections around, which may not come again."""
+    collection = ob.instance_collection if ob.instance_type == "COLLECTION" else None
+    if ob.type == "LIGHT" or ob.type in LIT_TYPES:
+        yield name, ob, matrix
+    elif collection is not None and collection not in within:
+        inner = matrix @ Matrix.Translation(-collection.instance_offset)
+        for child in collection.all_objects:
+            if not child.hide_render:
+                yield from _shown(f"{ob.name}/{child.name}", child, inner @ child.matrix_world, (*within, collection))
 
 
 def _lamp(name: str, ob: bpy.types.Object, matrix: Matrix) -> Source:

@@ -272,6 +272,16 @@ def test_lamps_in_instanced_collections_are_relit() -> None:
     inside.data.energy = 20
     assert relight() == ""
     assert irradiance(bpy.data.objects["Floor"]) == pytest.approx(2 * before, rel=2e-3)
+    row = bpy.data.collections.new("Row")
+    for x in (-0.2, 0.2):
+        row.objects.link(bpy.data.objects[f"Post {x}"])
+        bpy.context.scene.collection.objects.unlink(bpy.data.objects[f"Post {x}"])
+    place("Street", None, instance_type="COLLECTION", instance_collection=row)
+    bake()
+    assert irradiance(bpy.data.objects["Floor"]) == pytest.approx(2 * before, rel=2e-3)
+    inside.data.energy = 10
+    assert relight() == ""
+    assert irradiance(bpy.data.objects["Floor"]) == pytest.approx(before, rel=2e-3)
     bpy.data.objects["Post 0.2"].location.y = 0.3
     assert "was moved" in relight()
 
