@@ -131,6 +131,10 @@ class Bake:
         yield from self._watch(job, folder / "out", page, chosen)
         job.result()
         self.notes += job.notes
+        settings = self.scene.lightkiln
+        if settings.groups and settings.light != "combined":
+            message = "there are no light groups of direct or indirect light alone: bake combined light to relight it"
+            self.notes.append(Note(self.scene.name, message))
         self.progress.stage, self.progress.done, self.progress.eta = "apply", 1.0, None
         yield
         self._finish(folder / "out", page, chosen)
@@ -242,14 +246,16 @@ class Bake:
         assert self._draft
         scene = self.scene
         placed = self._placed(page, chosen, self.notes)
+        # Files first: if one cannot be written, the scene still shows what it did.
+        if scene.lightkiln.write_glb:
+            store_glb(scene, results / "scene.lit.glb")
         self._draft.end(scene)
         image = store_image(scene, results / PAGE)
         apply.apply(scene, image, placed)
         self._draft.clear()
         self.shown = ""
-        remember(scene, results, self._baked)
-        if scene.lightkiln.write_glb:
-            store_glb(scene, results / "scene.lit.glb")
+        note = remember(scene, results, self._baked)
+        self.notes += [note] if note else []
         seconds = time.monotonic() - self.progress.started
         scene.lightkiln.summary = f"{len(placed)} objects on {page.side} × {page.side} texels in {seconds:.1f} s"
 

@@ -121,16 +121,20 @@ def _redraw() -> None:
 
 @bpy.app.handlers.persistent
 def _changed(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
-    global _first, _last
-    is_baking = session.running is not None
-    if scene.lightkiln.image is None and not is_baking:
+    if scene.lightkiln.image is None and session.running is None:
         return
     touched = [update.id.original for update in depsgraph.updates if isinstance(update.id, _KINDS)]
     if not touched:
         return
     material_sync.follow(scene, [i for i in touched if isinstance(i, bpy.types.Material)])
     # What is changed during a bake is seen to when it ends.
-    if scene.lightkiln.live and (scene.lightkiln.solution or is_baking) and not bpy.app.background:
+    look(scene)
+
+
+def look(scene: bpy.types.Scene) -> None:
+    """Looks for changes of a scene's lights soon, if it is to be kept up to date."""
+    global _first, _last
+    if scene.lightkiln.live and (scene.lightkiln.solution or session.running) and not bpy.app.background:
         _last = time.monotonic()
         _first = _first or _last
         _wake()
@@ -139,11 +143,10 @@ def _changed(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
 @bpy.app.handlers.persistent
 def _stepped(scene: bpy.types.Scene, _depsgraph: object = None) -> None:
     """After an undo the image may show other light than the scene remembers."""
-    global _first, _last, _doubtful
-    if scene is not None and scene.lightkiln.live and scene.lightkiln.solution and not bpy.app.background:
+    global _doubtful
+    if scene is not None:
         _doubtful = True
-        _first = _last = time.monotonic()
-        _wake()
+        look(scene)
 
 
 @bpy.app.handlers.persistent

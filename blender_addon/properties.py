@@ -29,6 +29,12 @@ def _leave_preset(settings: bpy.types.PropertyGroup, _context: bpy.types.Context
     settings.preset = fits[0] if fits else "CUSTOM"
 
 
+def _look_at_lights(settings: bpy.types.PropertyGroup, _context: bpy.types.Context) -> None:
+    from . import live
+
+    live.look(settings.id_data)
+
+
 def _own_maps(_settings: bpy.types.PropertyGroup, context: bpy.types.Context, typed: str) -> list[str]:
     mesh = getattr(context.object, "data", None)
     return [layer.name for layer in getattr(mesh, "uv_layers", []) if typed.lower() in layer.name.lower()]
@@ -96,6 +102,7 @@ class LIGHTKILN_PG_scene(bpy.types.PropertyGroup):
         name="Live Relight",
         description="Update the lightmap as soon as a lamp, the world or an emissive material is changed",
         default=True,
+        update=_look_at_lights,
     )
     density: FloatProperty(
         name="Texel Density", description="Texels per metre", default=16.0, min=0.01, soft_max=256.0, max=4096.0
@@ -146,8 +153,10 @@ class LIGHTKILN_PG_scene(bpy.types.PropertyGroup):
     )
     notes: CollectionProperty(type=LIGHTKILN_PG_note)
     image: PointerProperty(name="Lightmap", type=bpy.types.Image)
-    # Folder of the light groups that the lightmap was made of; empty if it cannot be relit.
+    # Folder of the light groups that the lightmap was made of, beside the lightmap if it is relative, and what tells it
+    # from that of another bake. Empty if the lightmap cannot be relit.
     solution: StringProperty()
+    solution_stamp: StringProperty()
     # The lights, objects and materials as they were baked (light_state.py), as JSON.
     baked: StringProperty()
     # What a relight changed, and what it could not, one per line.
@@ -174,6 +183,7 @@ class LIGHTKILN_PG_object(bpy.types.PropertyGroup):
     )
     group: StringProperty(
         name="Light Group",
+        maxlen=48,
         description="Lamps and emissive objects with the same group are baked as one and can only be relit together. "
         "Empty: a group of its own",
     )

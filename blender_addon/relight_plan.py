@@ -95,7 +95,9 @@ def _factor(before: Source, after: Source | None, stale: list[str]) -> Rgb:
         stale.append(f"{_called(after)} gave no {what} when it was baked")
     elif not before.group and max(after.strength) > 0 and not _same(_rgb(ratios), UNCHANGED):
         stale.append(f"{_called(after)} gave no light when it was baked")
-    factor = _rgb(ratios)
+    if min(ratios) < 0:
+        stale.append(f"{_called(after)} takes light away, which counts as none")
+    factor = _rgb([max(ratio, 0.0) for ratio in ratios])
     return UNCHANGED if _same(factor, UNCHANGED) else factor
 
 

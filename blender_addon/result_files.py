@@ -87,23 +87,27 @@ def store_image(scene: bpy.types.Scene, exr: Path) -> bpy.types.Image:
 
 
 def store_groups(scene: bpy.types.Scene, results: Path) -> str:
-    """Keeps the light of all groups and returns its folder, as a path that the .blend can hold.
+    """Keeps the light of all groups and returns its folder: a name beside the lightmap.
 
-    Beside the lightmap; for one that is packed, in a folder that lasts until Blender is closed.
+    For a lightmap that is packed it is a whole path, of a folder that lasts until Blender is closed.
     """
     settings = scene.lightkiln
     name = f"{result_name(scene)}.groups"
     packed = settings.storage == "PACKED"
     folder = Path(bpy.app.tempdir) / name if packed else output_folder(scene) / name
     folder.mkdir(parents=True, exist_ok=True)
-    for old in (*folder.glob("lightmap_0.*.exr"), *folder.glob("solution.lk")):
-        old.unlink()
+    empty_groups(folder)
     # What relighting starts from comes last: without it the folder counts as empty.
     found = results.glob("solution.lk") if packed else (*results.glob("lightmap_0.*.exr"), *results.glob("solution.lk"))
     for file in found:
         shutil.copyfile(file, folder / file.name)
-    relative = not packed and bpy.data.filepath and settings.folder.startswith("//")
-    return bpy.path.relpath(str(folder)) if relative else str(folder)
+    return str(folder) if packed else name
+
+
+def empty_groups(folder: Path) -> None:
+    """Removes the light groups of an earlier bake."""
+    for old in (*folder.glob("lightmap_0.*.exr"), *folder.glob("solution.lk")):
+        old.unlink()
 
 
 def store_glb(scene: bpy.types.Scene, glb: Path) -> Path:

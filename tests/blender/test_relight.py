@@ -230,7 +230,7 @@ def test_groups_lie_beside_the_lightmap_and_survive_saving(tmp_path: Path) -> No
     settings = bpy.context.scene.lightkiln
     settings.storage, settings.folder = "FILE", "//lit"
     bake()
-    assert settings.solution == "//lit/house_Scene.groups"
+    assert settings.solution == "house_Scene.groups"
     names = {p.name for p in (tmp_path / "lit" / "house_Scene.groups").iterdir()}
     assert names >= {
         "solution.lk",
@@ -238,11 +238,29 @@ def test_groups_lie_beside_the_lightmap_and_survive_saving(tmp_path: Path) -> No
         "lightmap_0.environment.exr",
         "lightmap_0.material_Screen.exr",
     }
-    bpy.ops.wm.save_mainfile()
-    bpy.ops.wm.open_mainfile(filepath=str(path))
+    (tmp_path / "other").mkdir()
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "other" / "house.blend"), relative_remap=True)
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "other" / "house.blend"))
     bpy.data.lights["Key"].energy = 30
     assert relight() == ""
     expect_same_as_a_bake()
+    # A bake without groups takes away those of the one before.
+    settings = bpy.context.scene.lightkiln
+    settings.folder, settings.groups = "//../lit", False
+    assert bpy.ops.lightkiln.bake() == {"FINISHED"}
+    assert settings.solution == "" and not relit.solution(bpy.context.scene)
+
+
+def test_groups_of_another_bake_are_not_used() -> None:
+    _, key = stage()
+    bake()
+    folder = relit.solution(bpy.context.scene)
+    assert folder is not None
+    key.location.z = 2
+    old = (folder / "solution.lk").read_bytes()
+    bake()
+    (folder / "solution.lk").write_bytes(old)
+    assert not bpy.ops.lightkiln.relight.poll()
 
 
 def test_a_relight_that_fails_leaves_the_lightmap(tmp_path: Path) -> None:
@@ -251,7 +269,10 @@ def test_a_relight_that_fails_leaves_the_lightmap(tmp_path: Path) -> None:
     before, names = shown(), state_of_file()
     folder = relit.solution(bpy.context.scene)
     assert folder is not None
-    (folder / "solution.lk").write_bytes(b"no solution")
+    good = (folder / "solution.lk").read_bytes()
+    middle = len(good) // 2
+    (folder / "solution.lk").write_bytes(good[:middle] + bytes(len(good) - middle))
+    bpy.context.scene.lightkiln.solution_stamp = relit._stamp(folder / "solution.lk")
     key.data.energy = 30
     with pytest.raises(RuntimeError, match=r"solution\.lk"):
         bpy.ops.lightkiln.relight()
@@ -298,6 +319,9 @@ def test_plans_name_what_gave_no_light() -> None:
         {},
         {},
     )
+    below = Source("lamp", "Red", "Red", (-1.0, 0.0, 0.0), "here", "round")
+    taken = plan(baked, LightState([dark, below], {}, {}))
+    assert taken.factors["Red"] == (0.0, 1.0, 1.0) and "takes light away" in taken.stale[0]
     made = plan(LightState.from_text(baked.to_text()), now)
     assert made.factors["Red"][0] == 0.5
     assert any("`Off` gave no light" in line for line in made.stale)
