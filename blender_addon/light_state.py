@@ -8,23 +8,25 @@ are in the units that the export writes, so that their ratio is the factor of th
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from dataclasses import asdict, dataclass, field, replace
 
 import bpy
 from mathutils import Matrix
 
 from .apply import original_materials
-from .export.digest import digest, tree_digest
+from .export.digest import digest, numbers_digest, tree_digest
 from .export.lamps import lamp_group, profile_text, read_lamp
 from .export.nodes import Color, Rgb
 from .export.render_view import rendered_objects
-from .export.snapshot import LIT_TYPES
+from .export.snapshot import LIT_TYPES, light_group
 from .export.surfaces import Surface, read_surface
 from .export.world import plain_sky, sky_strength
 
 # Groups that the baker names itself.
 WORLD, MATERIAL, OTHERS = "environment", "material:", "others"
+# Objects that are read in one step: some milliseconds.
+AT_ONCE = 200
 _STRENGTHS = ("radiance", "intensity", "irradiance")
 
 
@@ -73,10 +75,23 @@ class LightState:
 
 def read(scene: bpy.types.Scene, view_layer: bpy.types.ViewLayer) -> LightState:
     """The state of the scene as its view layer is now."""
+    steps = reading(scene, view_layer)
+    while True:
+        try:
+            next(steps)
+        except StopIteration as end:
+            state: LightState = end.value
+            return state
+
+
+def reading(scene: bpy.types.Scene, view_layer: bpy.types.ViewLayer) -> Generator[None, None, LightState]:
+    """The same in steps, so that a window with a large scene stays usable. Between them nothing may be removed."""
     state = LightState()
     surfaces: dict[bpy.types.Material, Surface] = {}
     emitters: set[tuple[str, bpy.types.Material]] = set()
-    for name, ob, matrix in _placed(view_layer):
+    for count, (name, ob, matrix) in enumerate(_placed(view_layer)):
+        if count % AT_ONCE == AT_ONCE - 1:
+            yield
         if ob.type == "LIGHT":
             state.sources.append(_lamp(name, ob, matrix))
             continue
@@ -89,7 +104,7 @@ def read(scene: bpy.types.Scene, view_layer: bpy.types.ViewLayer) -> LightState:
                 surfaces[material] = read_surface(material)
                 state.looks[material.name_full] = _look(surfaces[material], material)
             if max(surfaces[material].emission.factor) > 0:
-                emitters.add((ob.lightkiln.group.strip() or f"{MATERIAL}{material.name_full.strip()}", material))
+                emitters.add((light_group(ob) or f"{MATERIAL}{material.name_full.strip()}", material))
     for group, material in sorted(emitters, key=lambda e: (e[1].name_full, e[0])):
         state.sources.append(_emitter(group, material, surfaces[material]))
     state.sources.extend(_world(scene.world))
@@ -124,7 +139,7 @@ def _lamp(name: str, ob: bpy.types.Object, matrix: Matrix) -> Source:
     return Source(
         "lamp",
         name,
-        ob.lightkiln.group.strip() or lamp_group(ob.data),
+        light_group(ob) or lamp_group(ob.data),
         strength,
         digest(place),
         digest(shape, profile_text(ob.data)),
@@ -154,11 +169,12 @@ def _world(world: bpy.types.World | None) -> list[Source]:
 def _object(ob: bpy.types.Object, matrix: Matrix, materials: list[bpy.types.Material | None]) -> list[str]:
     data = ob.data
     counts = [len(data.vertices), len(data.polygons)] if ob.type == "MESH" else []
-    bounds = [list(corner) for corner in ob.bound_box]
+    bounds = [number for corner in ob.bound_box for number in corner]
     # A mesh without materials gets an empty slot for the lightmap's.
     names = [m.name_full if m else "" for m in materials] if any(materials) else []
     casts = ob.visible_shadow and ob.lightkiln.casts_shadow
-    return [digest([list(row) for row in matrix]), digest(counts, bounds, names, casts)]
+    place = [number for row in matrix for number in row]
+    return [numbers_digest(place), numbers_digest([*counts, *bounds], f"{names} {casts}")]
 
 
 def _look(surface: Surface, material: bpy.types.Material) -> str:

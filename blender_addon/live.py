@@ -36,25 +36,21 @@ def relight_blocking(scene: bpy.types.Scene, view_layer: bpy.types.ViewLayer) ->
     global failure
     stop()
     view_layer.update()
-    work = Relight(scene, view_layer)
-    work.note_stale()
+    work = Relight(scene, view_layer, anyway=True)
     for _ in work.steps():
-        time.sleep(TICK)
+        if work.is_working:
+            time.sleep(TICK)
     failure = ""
     return work
 
 
-def begin(scene: bpy.types.Scene, view_layer: bpy.types.ViewLayer, *, anyway: bool) -> bool:
+def begin(scene: bpy.types.Scene, view_layer: bpy.types.ViewLayer, *, anyway: bool) -> None:
     """Begins a relighting that a timer runs; only if the lights have changed, or anyway. Raises BakeError."""
     global running, _steps, failure, _doubtful
-    work = Relight(scene, view_layer)
-    work.note_stale()
-    if not (anyway or _doubtful or work.is_needed) or not work.settings:
-        return False
+    work = Relight(scene, view_layer, anyway=anyway or _doubtful)
     failure, _doubtful = "", False
     running, _steps = work, work.steps()
     _wake()
-    return True
 
 
 def stop() -> None:

@@ -136,7 +136,7 @@ def _draw_relight(layout: bpy.types.UILayout, settings: bpy.types.PropertyGroup,
     row = layout.row(align=True)
     row.prop(settings, "live", toggle=True, icon="LIGHT")
     row.operator("lightkiln.relight", icon="FILE_REFRESH")
-    if live.running is not None:
+    if live.running is not None and live.running.is_working:
         layout.label(text="Relighting …", icon="SORTTIME")
     if live.failure:
         _wrapped(layout, live.failure, "ERROR", context)

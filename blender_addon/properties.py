@@ -183,7 +183,6 @@ class LIGHTKILN_PG_object(bpy.types.PropertyGroup):
     )
     group: StringProperty(
         name="Light Group",
-        maxlen=48,
         description="Lamps and emissive objects with the same group are baked as one and can only be relit together. "
         "Empty: a group of its own",
     )

@@ -30,6 +30,13 @@ def digest(*values: object) -> str:
     return f"{zlib.crc32(json.dumps(_rounded(values), default=str).encode()):08x}"
 
 
+def numbers_digest(numbers: list[float], text: str = "") -> str:
+    """The digest of many numbers and a text, which takes a tenth of the time."""
+    # Not minus zero, which reads differently.
+    rounded = ("%.5g " * len(numbers)) % tuple([number + 0.0 for number in numbers])
+    return f"{zlib.crc32((rounded + text).encode('utf-8', 'replace')):08x}"
+
+
 def tree_digest(tree: bpy.types.NodeTree, without: bpy.types.NodeSocket | None = None) -> str:
     """The digest of a node tree and the groups in it, but for the value of one input."""
     return digest(_described(tree, without, set()))

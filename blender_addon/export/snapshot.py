@@ -67,6 +67,12 @@ class Snapshot:
     notes: list[Note] = field(default_factory=list)
 
 
+def light_group(ob: bpy.types.Object) -> str:
+    """The light group that the user gave an object; empty if none. Files are named after it, so it has an end."""
+    name: str = ob.lightkiln.group
+    return name.strip()[:48].strip()
+
+
 def take(scene: bpy.types.Scene, view_layer: bpy.types.ViewLayer) -> Snapshot:
     """Copies the scene as a render would show it."""
     snapshot = Snapshot()
@@ -80,8 +86,8 @@ def take(scene: bpy.types.Scene, view_layer: bpy.types.ViewLayer) -> Snapshot:
                 continue
             if ob.type == "LIGHT":
                 original = ob.original
-                group = original.lightkiln.group.strip()
-                snapshot.lamps.append((_name(place), original.data, place.matrix_world.copy(), group))
+                lamp = (_name(place), original.data, place.matrix_world.copy(), light_group(original))
+                snapshot.lamps.append(lamp)
             elif ob.type in LIT_TYPES:
                 _add_mesh(snapshot, known, unreal, place)
     for name, count in unreal.items():
@@ -150,7 +156,7 @@ def _add_mesh(
             mesh=known[identity],
             matrix=place.matrix_world.copy(),
             casts_shadow=original.visible_shadow and original.lightkiln.casts_shadow,
-            group=original.lightkiln.group.strip(),
+            group=light_group(original),
             addressable=parent is None or of_collection,
         )
     )
