@@ -7,7 +7,7 @@ from pathlib import Path
 import bpy
 
 from . import apply, engine_export, live, receivers, relit, session
-from .errors import BakeError
+from .errors import BakeError, Cancelled
 
 
 class LIGHTKILN_OT_bake(bpy.types.Operator):
@@ -45,6 +45,7 @@ class LIGHTKILN_OT_bake(bpy.types.Operator):
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Bakes: to the end without a window, else in the background."""
+        live.stop()
         try:
             if bpy.app.background or not context.window_manager.windows:
                 self.report({"INFO"}, session.run_blocking(context.scene, context.view_layer))
@@ -97,6 +98,8 @@ class LIGHTKILN_OT_relight(bpy.types.Operator):
             else:
                 live.stop()
                 live.begin(context.scene, context.view_layer, anyway=True)
+        except Cancelled:
+            return {"CANCELLED"}
         except BakeError as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}

@@ -177,7 +177,8 @@ def test_the_baker_ends_when_its_parent_dies(tmp_path: Path) -> None:
 
 def test_registering_a_hundred_times_leaks_nothing() -> None:
     def counts() -> tuple[int, int, int]:
-        handlers = len(bpy.app.handlers.load_pre)
+        lists = ("load_pre", "depsgraph_update_post", "undo_post", "redo_post")
+        handlers = sum(len(getattr(bpy.app.handlers, name)) for name in lists)
         return handlers, len(bpy.types.Panel.__subclasses__()), len(bpy.types.Scene.bl_rna.properties)
 
     before = counts()

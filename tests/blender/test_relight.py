@@ -280,6 +280,16 @@ def test_a_relight_that_fails_leaves_the_lightmap(tmp_path: Path) -> None:
     assert (shown() == before).all() and state_of_file() == names
 
 
+def test_relighting_needs_the_baker(monkeypatch: pytest.MonkeyPatch) -> None:
+    stage()
+    bake()
+    before = shown()
+    monkeypatch.setenv("LIGHTKILN_BIN", "/nowhere/lightkiln")
+    with pytest.raises(RuntimeError, match="preferences"):
+        bpy.ops.lightkiln.relight()
+    assert (shown() == before).all()
+
+
 def test_lamps_in_instanced_collections_are_relit() -> None:
     quad("Floor", 1)
     inside = lamp("POINT", (0, 0, 1), energy=10, shadow_soft_size=0)
