@@ -63,7 +63,9 @@ def write_glb(scene: bpy.types.Scene, layer: bpy.types.ViewLayer) -> tuple[list[
 def write_usd(scene: bpy.types.Scene, layer: bpy.types.ViewLayer) -> list[Path]:
     """Writes the scene as Blender writes it, the lightmap's layer over it, and the page."""
     if not has_usd():
-        raise BakeError("This Blender was built without USD: use one from blender.org, or export a lit GLB")
+        raise BakeError(
+            "This Blender has no USD, or no Python module for it: use one from blender.org, or export a lit GLB"
+        )
     usd_layer = importlib.import_module(f"{__package__}.export.usd_layer")
     exr = _write_page(scene)
     name = result_name(scene)

@@ -219,7 +219,7 @@ class LIGHTKILN_OT_export_usd(_OnLightmap, bpy.types.Operator):
     def poll(cls, context: bpy.types.Context) -> bool:
         """This Blender must have USD."""
         if not engine_export.has_usd():
-            cls.poll_message_set("This Blender was built without USD")
+            cls.poll_message_set("This Blender has no USD, or no Python module for it")
             return False
         return super().poll(context)
 
