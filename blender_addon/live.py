@@ -89,8 +89,8 @@ def _next() -> float | None:
     global _first, _last, failure
     if not _last:
         return None
-    if session.running is not None:
-        # The bake that runs may bring all that is missing.
+    if session.running is not None or _renders():
+        # The bake that runs may bring all that is missing, and what renders must not change meanwhile.
         return 10 * TICK
     now = time.monotonic()
     if now - _last < REST and now - _first < PATIENCE:
@@ -108,6 +108,11 @@ def _next() -> float | None:
     return TICK if _steps is not None else None
 
 
+def _renders() -> bool:
+    """True while Blender renders or bakes, in a thread of its own that calls handlers, too."""
+    return any(bpy.app.is_job_running(job) for job in ("RENDER", "OBJECT_BAKE"))
+
+
 def _redraw() -> None:
     for window in bpy.context.window_manager.windows:
         for area in window.screen.areas:
@@ -122,7 +127,8 @@ def _changed(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
     touched = [update.id.original for update in depsgraph.updates if isinstance(update.id, _KINDS)]
     if not touched:
         return
-    material_sync.follow(scene, [i for i in touched if isinstance(i, bpy.types.Material)])
+    if not _renders():
+        material_sync.follow(scene, [i for i in touched if isinstance(i, bpy.types.Material)])
     # What is changed during a bake is seen to when it ends.
     look(scene)
 

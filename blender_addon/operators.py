@@ -95,6 +95,8 @@ class LIGHTKILN_OT_relight(bpy.types.Operator):
                 work = live.relight_blocking(context.scene, context.view_layer)
                 if work.stale:
                     self.report({"WARNING"}, f"Needs a bake: {'; '.join(work.stale)}")
+                else:
+                    self.report({"INFO"}, "The lightmap shows the lights as they are")
             else:
                 live.stop()
                 live.begin(context.scene, context.view_layer, anyway=True)

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from .light_state import LightState, Source
+from .light_state import OTHERS, LightState, Source
 
 Rgb = tuple[float, float, float]
 UNCHANGED: Rgb = (1.0, 1.0, 1.0)
@@ -52,7 +52,8 @@ def plan(baked: LightState, now: LightState) -> Plan:
         else:
             factors[group] = UNCHANGED
             names = ", ".join(sorted({s.name for s, _ in members})[:3])
-            stale.append(f"{names} share the light group `{group}` and changed differently: give each its own")
+            remedy = "join lamps in groups, there are more than 32" if group == OTHERS else "give each its own"
+            stale.append(f"{names} share the light group `{group}` and changed differently: {remedy}")
     return Plan(factors, stale + _other_changes(baked, now))
 
 
