@@ -5,6 +5,7 @@ mod keeper;
 mod light;
 mod merge;
 mod observer;
+mod part;
 mod prepare;
 mod preview;
 mod refine;
@@ -194,23 +195,26 @@ fn finish(
         refinements: Vec::new(),
         checkpoints: settings.checkpoint.map(|every| (Pace::every(every), key)),
     };
-    let Lit { lightmap, state, counts, patches } = if settings.preview {
-        let Preview { lightmap, state, counts, .. } = preview(&accel, atlas, texels, clock, progress)?;
+    let Lit { mut lightmap, state, counts, patches } = if settings.preview {
+        let Preview { lightmap, state, counts, .. } = preview(&accel, atlas, texels, &groups, clock, progress)?;
         // It is judged, if that is asked for, but stays what it is.
         keeper.judge(&lightmap, &[], &counts)?;
         keeper.refinements.clear();
         Lit { lightmap, state, counts, patches: None }
     } else {
-        let first = keeper.first_look()?;
+        let first = keeper.first_look(&groups)?;
         light(&accel, atlas, texels, &groups, settings.error, first.as_ref(), &mut keeper, clock, progress)?
     };
     let (irradiance, audit) = match keeper.judged.take() {
-        Some(judged) => judged,
-        None => (keeper.finish(&lightmap)?, None),
+        Some(judged) if settings.light.is_all() => judged,
+        judged => {
+            settings.light.keep(&mut lightmap.combined, &lightmap.direct_groups);
+            (keeper.finish(&lightmap)?, judged.and_then(|(_, audit)| audit))
+        }
     };
     let refinements = keeper.refinements;
     let findings = Findings { state, counts, audit, refinements, warnings };
-    let grouped = patches.as_ref().map(|patches| GroupedLight {
+    let grouped = patches.as_ref().filter(|_| settings.output.groups).map(|patches| GroupedLight {
         subject: &subject,
         groups: &groups,
         lightmap: &lightmap,

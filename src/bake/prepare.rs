@@ -49,7 +49,11 @@ impl Loaded {
             Ok::<_, ImportError>((imported, hash))
         })?;
         let (mut scene, document, mut warnings) = (imported.scene, imported.document, imported.warnings);
-        let groups = if settings.output.groups { LightGroups::named(&scene) } else { LightGroups::none(&scene) };
+        let groups = match (settings.output.groups, settings.light.is_all()) {
+            (true, _) => LightGroups::named(&scene),
+            (false, true) => LightGroups::none(&scene),
+            (false, false) => LightGroups::of_lamps(&scene),
+        };
         warnings.extend(too_many(&groups));
         warnings.iter().for_each(|w| progress.warn(w));
         for material in &mut scene.materials {

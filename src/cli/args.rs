@@ -292,6 +292,7 @@ mod tests {
     use super::*;
     use clap::CommandFactory;
     use lightkiln::atlas::UvMode;
+    use lightkiln::config::LightPart;
     use lightkiln::output::Precision;
     use lightkiln::units::Quantity;
     use std::path::Path;
@@ -324,6 +325,8 @@ mod tests {
         assert_eq!(s.output.precision, Precision::Float);
         assert_eq!(s.import.scene.as_deref(), Some("2"));
         assert_eq!(s.audit, Effort::Auto);
+        assert_eq!(s.light, LightPart::Combined);
+        assert_eq!(settings(&["--light", "indirect"]).light, LightPart::Indirect);
         assert_eq!(settings(&["--audit", "off"]).audit, Effort::Off);
         assert_eq!(settings(&["--audit", "thorough"]).audit, Effort::Thorough);
     }

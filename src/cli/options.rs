@@ -3,7 +3,7 @@
 use clap::{Args, ValueEnum};
 use lightkiln::atlas::{AtlasSettings, Unwrapper, UvMode};
 use lightkiln::audit::Effort;
-use lightkiln::config::{ERROR_RANGE, Settings};
+use lightkiln::config::{ERROR_RANGE, LightPart, Settings};
 use lightkiln::import::ImportSettings;
 use lightkiln::output::{OutputSettings, Precision};
 use lightkiln::units::{LightUnits, Quantity};
@@ -33,6 +33,9 @@ pub(crate) struct LightArguments {
     /// Keep light groups apart: pages of each beside the whole, and what relighting needs.
     #[arg(long)]
     groups: bool,
+    /// Which light to keep: all of it, what comes straight from lamps, or the rest.
+    #[arg(long, value_enum, default_value_t, conflicts_with = "groups")]
+    light: LightChoice,
     #[command(flatten)]
     source: SourceArguments,
 }
@@ -112,6 +115,17 @@ enum UnwrapperChoice {
 }
 
 #[derive(Clone, Copy, Debug, Default, ValueEnum)]
+enum LightChoice {
+    /// All light.
+    #[default]
+    Combined,
+    /// Straight from lamps: neither sky nor emissive surfaces, and no bounce.
+    Direct,
+    /// Sky, emissive surfaces and every bounce.
+    Indirect,
+}
+
+#[derive(Clone, Copy, Debug, Default, ValueEnum)]
 enum QuantityChoice {
     /// E, W/m²: three.js.
     #[default]
@@ -152,6 +166,11 @@ impl LightArguments {
                 ..settings.atlas
             },
             output: OutputSettings { groups: self.groups, ..settings.output },
+            light: match self.light {
+                LightChoice::Combined => LightPart::Combined,
+                LightChoice::Direct => LightPart::Direct,
+                LightChoice::Indirect => LightPart::Indirect,
+            },
             error: self.error,
             ..settings
         }
