@@ -50,6 +50,22 @@ fn gather(bench: &Bench, tiles: &str, options: &[&str]) -> Value {
     events(&output).pop().expect("a result line")
 }
 
+/// Checks that two folders hold the same pages, and reports that agree in all but times.
+fn same_results(bench: &Bench, merged: &str, single: &str) {
+    assert_eq!(bench.names(merged), bench.names(single));
+    let read = |folder: &str, name: &str| fs::read(bench.path(folder).join(name)).expect("it was written");
+    let exrs: Vec<String> = bench.names(single).into_iter().filter(|name| name.ends_with(".exr")).collect();
+    assert!(exrs.len() > 1, "{exrs:?}");
+    for name in exrs {
+        assert!(read(merged, &name) == read(single, &name), "{merged}/{name}");
+    }
+    let report = |folder: &str| serde_json::from_slice::<Value>(&read(folder, "report.json")).expect("it is JSON");
+    let (merged, single) = (report(merged), report(single));
+    for part in ["audit", "refinements", "rays", "solver", "state", "settings", "atlas"] {
+        assert_eq!(merged[part], single[part], "{part}");
+    }
+}
+
 fn page(bench: &Bench, folder: &str) -> Vec<u8> {
     fs::read(bench.path(folder).join("lightmap_0.exr")).expect("it was written")
 }
@@ -117,21 +133,30 @@ fn groups_audits_and_refinements_are_those_of_a_single_bake() {
     done(&bench, &["gather", "work", "--tiles", "1-2"]);
     done(&bench, &["gather", "work"]);
     done(&bench, &["merge", "work", "--out", "merged"]);
-    assert_eq!(bench.names("merged"), bench.names("single"));
-    let exrs: Vec<String> = bench.names("single").into_iter().filter(|name| name.ends_with(".exr")).collect();
-    assert!(exrs.len() > 1, "{exrs:?}");
-    for name in exrs {
-        let read = |folder: &str| fs::read(bench.path(folder).join(&name)).expect("it was written");
-        assert!(read("merged") == read("single"), "{name}");
+    same_results(&bench, "merged", "single");
+}
+
+#[test]
+fn a_part_of_the_light_is_that_of_a_single_bake() {
+    let bench = Bench::new();
+    let house = scene("house.glb");
+    for part in ["direct", "indirect"] {
+        let options = [&["--light", part], &SMALL[..]].concat();
+        let [single, merged] = ["single", "merged"].map(|name| format!("{name}_{part}"));
+        done(&bench, &[&["bake", &house, "--out", &single], &options[..]].concat());
+        done(&bench, &[&["solve", &house, "--out", part], &options[..]].concat());
+        done(&bench, &["gather", part, "--tiles", "1", "--out", &format!("{part}.lk")]);
+        done(&bench, &["gather", part]);
+        done(&bench, &["merge", part, &format!("{part}.lk"), "--out", &merged]);
+        same_results(&bench, &merged, &single);
     }
-    let report = |folder: &str| -> Value {
-        serde_json::from_slice(&fs::read(bench.path(folder).join("report.json")).expect("it was written"))
-            .expect("it is JSON")
-    };
-    let (merged, single) = (report("merged"), report("single"));
-    for part in ["audit", "refinements", "rays", "solver", "state", "settings", "atlas"] {
-        assert_eq!(merged[part], single[part], "{part}");
-    }
+    assert!(page(&bench, "single_direct") != page(&bench, "single_indirect"));
+    // What was made for one part is of no use to another.
+    let solve = [&["solve", &house, "--out", "direct"], &SMALL[..]].concat();
+    refused(&bench, &solve, 1, &["light \"direct\", not \"combined\"", "--force"]);
+    let foreign = ["merge", "indirect", "direct.lk", "--out", "maps"];
+    refused(&bench, &foreign, 1, &["direct.lk` (tiles 1)", "light \"direct\", not \"indirect\""]);
+    refused(&bench, &[&solve[..], &["--groups", "--light", "direct"]].concat(), 2, &["--groups"]);
 }
 
 #[test]
