@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Lightkiln for Blender: bakes lightmaps with the lightkiln program and shows them on the objects."""
 
-from . import copies, operators, overlay, panels, preferences, properties, session
+from . import copies, live, operators, overlay, panels, preferences, properties, session
 
-_MODULES = (preferences, properties, session, operators, copies, overlay, panels)
+_MODULES = (preferences, properties, session, live, operators, copies, overlay, panels)
 
 
 def register() -> None:

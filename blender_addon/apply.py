@@ -51,8 +51,20 @@ def apply(scene: bpy.types.Scene, image: bpy.types.Image, placed: list[Placed]) 
                 made[key] = lit_material(slot.material, image, one.uv_map, one.attribute)
             lit.append(made[key])
         _remember(one.ob, lit)
+        one.ob[STATE]["uv_map"], one.ob[STATE]["attribute"] = one.uv_map, one.attribute
     scene.lightkiln.image = image
     set_view(scene, "LIT")
+
+
+def placed_now(scene: bpy.types.Scene) -> list[Placed]:
+    """What shows a lightmap now, as `apply` takes it."""
+    placed: list[Placed] = []
+    everything = _reachable(scene)
+    for ob in [ob for ob in everything if STATE in ob]:
+        uv_map, attribute = ob[STATE].get("uv_map", ""), ob[STATE].get("attribute", "")
+        carriers = [ob] if attribute == PLACE else everything
+        placed += [Placed(ob, c, attribute, uv_map, tuple(c[attribute])) for c in carriers if attribute in c]
+    return placed
 
 
 def set_view(scene: bpy.types.Scene, view: str) -> None:
@@ -64,6 +76,14 @@ def set_view(scene: bpy.types.Scene, view: str) -> None:
             _show_lit(ob)
     set_light_only(scene.lightkiln.image, view == "LIGHT")
     scene.lightkiln.view = view
+
+
+def original_materials(ob: bpy.types.Object) -> list[bpy.types.Material | None]:
+    """The materials of an object's slots without the lightmap."""
+    if STATE not in ob:
+        return [slot.material for slot in ob.material_slots]
+    own, meshs = ob[STATE]["original"], ob.data.materials
+    return [own.get(str(i)) or (meshs[i] if i < len(meshs) else None) for i in range(len(ob.material_slots))]
 
 
 def lit_objects(scene: bpy.types.Scene) -> list[bpy.types.Object]:

@@ -18,20 +18,23 @@ from pathlib import Path
 
 import bpy
 
-from . import apply, program, receivers
+from . import apply, light_state, program, receivers
 from .changes import Changes
+from .draft import Draft
 from .errors import BakeError, Cancelled, Note
-from .export.color_bake import Wish, baked_colors
+from .export.color_bake import baked_colors, wishes
 from .export.snapshot import take
 from .export.write import Writer
 from .job import Job
+from .light_state import LightState
 from .places import Page, Receiver, arrange
-from .result_files import check_folder, store_glb, store_image
+from .relit import forget, remember
+from .result_files import PAGE, check_folder, store_glb, store_image
 
 # Seconds between two looks at the baker.
 POLL = 0.05
-# Error of the preview, percent. It is worth its time where the bake aims for less than half of that.
-PREVIEW = 30.0
+# States are worth their time where the bake aims for less than this error, percent.
+COARSE = 15.0
 
 
 @dataclass
@@ -47,11 +50,14 @@ class Progress:
 class Bake:
     """A bake of one scene."""
 
-    def __init__(self, scene: bpy.types.Scene, view_layer: bpy.types.ViewLayer, *, preview: bool) -> None:
-        """Prepares to bake the scene as the view layer shows it. A preview needs a scene without lightmap."""
+    def __init__(self, scene: bpy.types.Scene, view_layer: bpy.types.ViewLayer, *, progressive: bool) -> None:
+        """Prepares to bake the scene as the view layer shows it, and to show its states if that is wanted."""
         settings = scene.lightkiln
-        self.shows_preview = False
-        self._preview = preview and settings.preview and settings.image is None and settings.error < PREVIEW / 2
+        # What the lightmap that is shown has reached; empty while none of this bake is.
+        self.shown = ""
+        self._progressive = progressive and settings.progressive and settings.error < COARSE
+        self._draft: Draft | None = None
+        self._baked = LightState()
         self.progress = Progress()
         self.notes: list[Note] = []
         self._scene_uid = scene.session_uid
@@ -91,7 +97,7 @@ class Bake:
         try:
             yield from self._bake(self._folder)
         except BaseException as error:
-            self._changes.revert()
+            self._take_back()
             if not isinstance(error, OSError):
                 raise
             full = error.errno in {errno.ENOSPC, errno.EDQUOT}
@@ -120,28 +126,32 @@ class Bake:
         self.progress.stage = "export"
         path = folder / "scene.glb"
         yield from self._in_thread(lambda: writer.finish(path))
-        if self._preview:
-            yield from self._run(baker, path, folder / "preview", page, PREVIEW)
-            self._finish(folder / "preview", page, chosen)
-            # What is shown now needs what was changed for it.
-            self._changes, self.shows_preview = Changes(), True
-            yield
-        job = yield from self._run(baker, path, folder / "out", page, scene.lightkiln.error)
+        self._draft = Draft(scene)
+        self._job = job = Job(baker, "bake", path, folder / "out", self._options(page))
+        yield from self._watch(job, folder / "out", page, chosen)
+        job.result()
         self.notes += job.notes
+        settings = self.scene.lightkiln
+        if settings.groups and settings.light != "combined":
+            message = "there are no light groups of direct or indirect light alone: bake combined light to relight it"
+            self.notes.append(Note(self.scene.name, message))
         self.progress.stage, self.progress.done, self.progress.eta = "apply", 1.0, None
         yield
         self._finish(folder / "out", page, chosen)
-        self.shows_preview = False
-        if self.scene.lightkiln.write_glb:
-            store_glb(self.scene, folder / "out" / "scene.lit.glb")
 
-    def _run(self, baker: Path, scene: Path, out: Path, page: Page, error: float) -> Generator[None, None, Job]:
-        """Runs the baker to its end."""
-        options = ["--uv", "keep", "--resolution", str(page.side), "--quantity", "radiance", "--error", f"{error:.4g}%"]
-        self._job = job = Job(baker, scene, out, options)
-        yield from self._watch(job)
-        job.result()
-        return job
+    def _options(self, page: Page) -> list[str]:
+        """What the baker is told."""
+        settings = self.scene.lightkiln
+        options = ["--uv", "keep", "--resolution", str(page.side), "--quantity", "radiance"]
+        options += ["--error", f"{settings.error:.4g}%"]
+        if self._progressive:
+            options.append("--progressive")
+        # Groups and a part of the light exclude each other; the panel says so.
+        if settings.light != "combined":
+            options += ["--light", settings.light]
+        elif settings.groups:
+            options.append("--groups")
+        return options
 
     def _read(self, scene: bpy.types.Scene, folder: Path) -> tuple[Page, list[Receiver], Writer]:
         """Everything that needs the scene, in one go."""
@@ -150,6 +160,7 @@ class Bake:
         maps, notes = receivers.prepare(scene, objects, self._changes)
         self.notes += notes
         layer.update()
+        self._baked = light_state.read(scene, layer)
         snapshot = take(scene, layer)
         chosen, notes = receivers.chosen(scene, layer, snapshot, maps)
         self.notes += notes
@@ -162,7 +173,7 @@ class Bake:
             message = f"the resolution limit lowers the texel density to {100 * page.lowered:.0f} %: raise it"
             self.notes.append(Note(scene.name, message))
         writer = Writer(snapshot, page, chosen)
-        with baked_colors(self._unread(page, chosen, writer)) as baked:
+        with baked_colors(wishes(page, chosen, writer)) as baked:
             writer.collect(scene.world, folder, baked.colors)
         self.notes += baked.notes
         self.notes += writer.notes
@@ -171,20 +182,6 @@ class Bake:
                 f"The scene `{scene.name}` has no light: add a lamp, a world colour or an emissive material"
             )
         return page, chosen, writer
-
-    def _unread(self, page: Page, chosen: list[Receiver], writer: Writer) -> list[Wish]:
-        """What Cycles must bake, once per mesh."""
-        by_uid = {ob.session_uid: ob for ob in bpy.data.objects}
-        wishes: dict[int, Wish] = {}
-        for receiver in chosen:
-            number = receiver.instance.mesh
-            channels = writer.unread(number)
-            ob = by_uid[receiver.instance.key[0]]
-            if channels and number not in wishes and ob.type == "MESH":
-                scale = page.places[receiver.instance.key].values[0]
-                side = round(scale * page.side)
-                wishes[number] = Wish(number, ob, receiver.instance.matrix, receiver.uv_map, side, channels)
-        return list(wishes.values())
 
     def _in_thread(self, work: Callable[[], None]) -> Iterator[None]:
         """Runs work that needs no Blender data while the window lives on."""
@@ -204,20 +201,66 @@ class Bake:
         if failure:
             raise failure[0]
 
-    def _watch(self, job: Job) -> Iterator[None]:
+    def _watch(self, job: Job, results: Path, page: Page, chosen: list[Receiver]) -> Iterator[None]:
+        """Follows the baker to its end and shows its states."""
+        seen = 0
         while not job.poll():
             if self._cancelled:
                 job.cancel()
+            elif job.states > seen and job.reached != "final":
+                seen = job.states
+                self._show(results / PAGE, page, chosen, job.reached)
             self.progress.stage, self.progress.done, self.progress.eta = job.stage, job.done, job.eta
             yield
             if bpy.app.background:
                 time.sleep(POLL)
 
+    def _show(self, exr: Path, page: Page, chosen: list[Receiver], reached: str) -> None:
+        """Shows a state of the bake."""
+        assert self._draft
+        self._draft.show(self.scene, exr, self._placed(page, chosen, []))
+        self.shown = reached
+
+    def _take_back(self) -> None:
+        """Brings back what the scene showed before. The first lightmap that a scene gets is kept, though unfinished."""
+        draft = self._draft
+        try:
+            scene = self.scene
+        except BakeError:
+            draft = None
+        if draft is None or not draft.is_shown:
+            self._changes.revert()
+        elif draft.is_first and self._folder and (self._folder / "out" / PAGE).is_file():
+            draft.keep(scene, self._folder / "out" / PAGE)
+            forget(scene)
+        else:
+            draft.hide(scene)
+            self._changes.revert()
+            draft.restore(scene)
+            self.shown = ""
+
     def _finish(self, results: Path, page: Page, chosen: list[Receiver]) -> None:
         """Puts the results in their place and shows them."""
         if self._cancelled:
             raise Cancelled
+        assert self._draft
         scene = self.scene
+        placed = self._placed(page, chosen, self.notes)
+        # Files first: if one cannot be written, the scene still shows what it did.
+        if scene.lightkiln.write_glb:
+            store_glb(scene, results / "scene.lit.glb")
+        self._draft.end(scene)
+        image = store_image(scene, results / PAGE)
+        apply.apply(scene, image, placed)
+        self._draft.clear()
+        self.shown = ""
+        note = remember(scene, results, self._baked)
+        self.notes += [note] if note else []
+        seconds = time.monotonic() - self.progress.started
+        scene.lightkiln.summary = f"{len(placed)} objects on {page.side} × {page.side} texels in {seconds:.1f} s"
+
+    def _placed(self, page: Page, chosen: list[Receiver], notes: list[Note]) -> list[apply.Placed]:
+        """Who shows which part of the page; notes on those that cannot any more."""
         by_uid = {ob.session_uid: ob for ob in bpy.data.objects}
         instanced = {r.instance.key[0] for r in chosen if r.instance.key[1]}
         placed: list[apply.Placed] = []
@@ -226,16 +269,13 @@ class Bake:
             ob, carrier = by_uid.get(uid), by_uid.get(parent or uid)
             if ob is None or carrier is None:
                 message = "it was deleted during the bake; its part of the lightmap is left unused"
-                self.notes.append(Note(receiver.instance.name, message))
+                notes.append(Note(receiver.instance.name, message))
                 continue
             if receiver.uv_map not in ob.data.uv_layers:
                 message = f"it lost its UV map `{receiver.uv_map}` during the bake: bake again"
-                self.notes.append(Note(receiver.instance.name, message))
+                notes.append(Note(receiver.instance.name, message))
                 continue
             attribute = apply.attribute_name(ob, instanced=uid in instanced)
             values = page.places[receiver.instance.key].values
             placed.append(apply.Placed(ob, carrier, attribute, receiver.uv_map, values))
-        image = store_image(scene, results / "lightmap_0.exr")
-        apply.apply(scene, image, placed)
-        seconds = time.monotonic() - self.progress.started
-        scene.lightkiln.summary = f"{len(placed)} objects on {page.side} × {page.side} texels in {seconds:.1f} s"
+        return placed

@@ -25,13 +25,15 @@ INTERRUPTED = 130
 class Job:
     """A running baker. `poll` until `finished`, then `result`."""
 
-    def __init__(self, program: Path, scene: Path, folder: Path, options: list[str]) -> None:
-        """Starts baking `scene` into `folder`. Raises BakeError if the program does not start."""
-        command = [str(program), "bake", str(scene), "--out", str(folder), "--force", "--json", *options]
+    def __init__(self, program: Path, task: str, source: Path, folder: Path, options: list[str]) -> None:
+        """Starts `task`, "bake" or "relight", on `source` into `folder`. Raises BakeError if it does not start."""
+        command = [str(program), task, str(source), "--out", str(folder), "--force", "--json", *options]
         self.stage = "import"
         self.done = 0.0
         self.eta: float | None = None
         self.notes: list[Note] = []
+        # States of a progressive bake so far, and what the last one had reached.
+        self.states, self.reached = 0, ""
         self._result: dict[str, Any] | None = None
         self._error = ""
         self._cancelled = False
@@ -79,6 +81,8 @@ class Job:
             self.eta = event.get("eta_s")
         elif kind == "warning":
             self.notes.append(_note(event))
+        elif kind == "state":
+            self.states, self.reached = self.states + 1, event.get("reached", "")
         elif kind == "error":
             self._error = event.get("message", "")
         elif kind == "result":

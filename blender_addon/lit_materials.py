@@ -13,6 +13,8 @@ SOURCE = "lightkiln_source"
 # Marks node groups: those that show a lightmap, and copies of the user's groups. Marks of trees must not refer to other
 # data: Blender copies trees for drawing without counting such references.
 SHOWS, COPY = "lightkiln_shows", "lightkiln_copy"
+# On a node of a lit copy: the name of the shader that it stands for.
+STANDS_FOR = "lightkiln_for"
 LIGHTMAP = "Lightmap"
 LIGHT_ONLY = "Light Only"
 # Reflectance that the light is shown on alone.
@@ -26,7 +28,7 @@ _INPUTS = (
     ("Emission Strength", "NodeSocketFloat", 0.0),
 )
 # Diffuse shaders, and which of their inputs feeds which of the group's.
-_REPLACED = {
+REPLACED = {
     "ShaderNodeBsdfPrincipled": {name: name for name, _, _ in _INPUTS},
     "ShaderNodeBsdfDiffuse": {"Color": "Base Color"},
     "ShaderNodeSubsurfaceScattering": {"Color": "Base Color"},
@@ -79,7 +81,7 @@ def _replace(
             inner = next((i for i in end.inputs if i.identifier == output.identifier), None)
             if inner is not None:
                 _replace(node.node_tree, inner, group, done)
-    elif kind in _REPLACED and not _is_mirror_or_glass(node):
+    elif kind in REPLACED and not _is_mirror_or_glass(node):
         if node not in done:
             done[node] = _stand_in(tree, node, group)
         tree.links.new(done[node].outputs[0], socket)
@@ -95,8 +97,9 @@ def _stand_in(tree: bpy.types.NodeTree, node: bpy.types.Node, group: bpy.types.N
     """The group in the place of a shader, fed by what fed the shader."""
     lit = tree.nodes.new("ShaderNodeGroup")
     lit.node_tree = group
+    lit[STANDS_FOR] = node.name
     lit.location = (node.location.x, node.location.y + 220)
-    for theirs, ours in _REPLACED[node.bl_idname].items():
+    for theirs, ours in REPLACED[node.bl_idname].items():
         if theirs in node.inputs:
             fed = node.inputs[theirs]
             lit.inputs[ours].default_value = fed.default_value

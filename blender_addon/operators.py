@@ -1,10 +1,13 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Operators: bake, cancel, and what can be done with a lightmap. All work headless and can be undone."""
 
+from collections.abc import Callable
+from pathlib import Path
+
 import bpy
 
-from . import apply, receivers, session
-from .errors import BakeError
+from . import apply, engine_export, live, receivers, relit, session
+from .errors import BakeError, Cancelled
 
 
 class LIGHTKILN_OT_bake(bpy.types.Operator):
@@ -42,11 +45,12 @@ class LIGHTKILN_OT_bake(bpy.types.Operator):
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Bakes: to the end without a window, else in the background."""
+        live.stop()
         try:
             if bpy.app.background or not context.window_manager.windows:
                 self.report({"INFO"}, session.run_blocking(context.scene, context.view_layer))
             else:
-                session.start(context.scene, context.view_layer, preview=True)
+                session.start(context.scene, context.view_layer, progressive=True)
                 session.run_in_window()
         except BakeError as error:
             self.report({"ERROR"}, str(error))
@@ -68,6 +72,39 @@ class LIGHTKILN_OT_cancel(bpy.types.Operator):
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Asks the baker to end."""
         session.cancel()
+        return {"FINISHED"}
+
+
+class LIGHTKILN_OT_relight(bpy.types.Operator):
+    """Show the lightmap in the light that lamps, world and emissive materials give now, without a bake"""
+
+    bl_idname = "lightkiln.relight"
+    bl_label = "Relight"
+    bl_options = {"REGISTER", "UNDO"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """There must be light groups of a bake, and no bake may be running."""
+        cls.poll_message_set("Switch on Light Groups and bake")
+        return session.running is None and relit.solution(context.scene) is not None
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Relights: to the end without a window, else in the background."""
+        try:
+            if bpy.app.background or not context.window_manager.windows:
+                work = live.relight_blocking(context.scene, context.view_layer)
+                if work.stale:
+                    self.report({"WARNING"}, f"Needs a bake: {'; '.join(work.stale)}")
+                else:
+                    self.report({"INFO"}, "The lightmap shows the lights as they are")
+            else:
+                live.stop()
+                live.begin(context.scene, context.view_layer, anyway=True)
+        except Cancelled:
+            return {"CANCELLED"}
+        except BakeError as error:
+            self.report({"ERROR"}, str(error))
+            return {"CANCELLED"}
         return {"FINISHED"}
 
 
@@ -143,6 +180,7 @@ class LIGHTKILN_OT_remove(_OnLightmap, bpy.types.Operator):
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Removes it."""
         apply.remove(context.scene, keep_maps=self.keep_maps)
+        relit.forget(context.scene)
         context.scene.lightkiln.summary = ""
         return {"FINISHED"}
 
@@ -157,13 +195,65 @@ class LIGHTKILN_OT_detach(_OnLightmap, bpy.types.Operator):
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Detaches them."""
         apply.detach(context.scene)
+        relit.forget(context.scene)
         context.scene.lightkiln.summary = ""
         return {"FINISHED"}
 
 
+class LIGHTKILN_OT_export_glb(_OnLightmap, bpy.types.Operator):
+    """Write the scene with its lightmap as a glTF file for engines, and the lightmap as an EXR, to the output folder"""
+
+    bl_idname = "lightkiln.export_glb"
+    bl_label = "Export Lit GLB"
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Writes them."""
+        return _exported(self, context, lambda scene, layer: engine_export.write_glb(scene, layer)[0])
+
+
+class LIGHTKILN_OT_export_usd(_OnLightmap, bpy.types.Operator):
+    """Write the scene as USD with a layer that shows its lightmap, and the lightmap as an EXR, to the output folder"""
+
+    bl_idname = "lightkiln.export_usd"
+    bl_label = "Export USD"
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """This Blender must have USD."""
+        if not engine_export.has_usd():
+            cls.poll_message_set("This Blender has no USD, or no Python module for it")
+            return False
+        return super().poll(context)
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Writes them."""
+        return _exported(self, context, engine_export.write_usd)
+
+
+def _exported(
+    operator: bpy.types.Operator,
+    context: bpy.types.Context,
+    write: Callable[[bpy.types.Scene, bpy.types.ViewLayer], list[Path]],
+) -> set[str]:
+    """Writes files and reports them."""
+    if context.scene.lightkiln.image is None:
+        operator.report({"ERROR"}, "The lightmap's image was deleted: bake again")
+        return {"CANCELLED"}
+    try:
+        files = write(context.scene, context.view_layer)
+    except (BakeError, OSError) as error:
+        operator.report({"ERROR"}, str(error))
+        return {"CANCELLED"}
+    operator.report({"INFO"}, f"Wrote {', '.join(file.name for file in files)} to {files[0].parent}")
+    return {"FINISHED"}
+
+
 CLASSES = (
+    LIGHTKILN_OT_export_glb,
+    LIGHTKILN_OT_export_usd,
     LIGHTKILN_OT_bake,
     LIGHTKILN_OT_cancel,
+    LIGHTKILN_OT_relight,
     LIGHTKILN_OT_report,
     LIGHTKILN_OT_view,
     LIGHTKILN_OT_compare,

@@ -3,10 +3,12 @@
 
 import bpy
 
-from . import copies, session
+from . import copies, live, relit, session
 
 # Notes that the panel lists; the rest is counted.
 MOST_NOTES = 12
+# The same of changes that need a bake.
+MOST_STALE = 5
 
 
 class _BakePanel:
@@ -31,6 +33,7 @@ class _BakePanel:
                 layout.label(text=settings.summary, icon="CHECKMARK")
         if settings.image is not None or settings.view != "ORIGINAL":
             _draw_result(layout, settings)
+            _draw_relight(layout, settings, context)
 
 
 class _SettingsPanel:
@@ -49,11 +52,16 @@ class _SettingsPanel:
         column.prop(settings, "preset")
         column.prop(settings, "error")
         _wrapped(column, "There are no samples and no denoiser: the error is what you choose", "INFO", context)
-        column.prop(settings, "preview")
+        column.prop(settings, "progressive")
         column = layout.column()
         column.prop(settings, "density")
         column.prop(settings, "resolution_limit")
         column.operator("lightkiln.checker", depress=overlay_is_on())
+        column = layout.column()
+        column.prop(settings, "light")
+        row = column.row()
+        row.enabled = settings.light == "combined"
+        row.prop(settings, "groups")
         column = layout.column()
         column.prop(settings, "scope")
         if settings.scope == "COLLECTION":
@@ -112,6 +120,34 @@ def _draw_result(layout: bpy.types.UILayout, settings: bpy.types.PropertyGroup) 
     row.operator("lightkiln.compare", icon="ARROW_LEFTRIGHT")
     row.operator("lightkiln.detach", icon="UNLINKED")
     row.operator("lightkiln.remove", text="Remove", icon="TRASH")
+    row = layout.row(align=True)
+    row.operator("lightkiln.export_glb", icon="EXPORT")
+    row.operator("lightkiln.export_usd", icon="EXPORT")
+
+
+def _draw_relight(layout: bpy.types.UILayout, settings: bpy.types.PropertyGroup, context: bpy.types.Context) -> None:
+    """The switch and the button, and what only a bake can bring."""
+    if not settings.solution:
+        return
+    if relit.solution(context.scene) is None:
+        text = f"The light groups in {settings.solution} are gone: bake again to relight"
+        _wrapped(layout, text, "INFO", context)
+        return
+    row = layout.row(align=True)
+    row.prop(settings, "live", toggle=True, icon="LIGHT")
+    row.operator("lightkiln.relight", icon="FILE_REFRESH")
+    if live.running is not None and live.running.is_working:
+        layout.label(text="Relighting …", icon="SORTTIME")
+    if live.failure:
+        _wrapped(layout, live.failure, "ERROR", context)
+    lines = settings.stale.splitlines()
+    if lines:
+        box = layout.box()
+        box.label(text="Needs a bake", icon="ERROR")
+        for line in lines[:MOST_STALE]:
+            _wrapped(box, line[:1].upper() + line[1:], "NONE", context)
+        if len(lines) > MOST_STALE:
+            box.label(text=f"and {len(lines) - MOST_STALE} more")
 
 
 def _wrapped(layout: bpy.types.UILayout, text: str, icon: str, context: bpy.types.Context) -> None:
@@ -196,15 +232,20 @@ class LIGHTKILN_PT_object(bpy.types.Panel):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        """Objects that have surfaces."""
-        return context.object is not None and context.object.type in {"MESH", "CURVE", "SURFACE", "FONT", "META"}
+        """Objects that have surfaces, and lamps."""
+        kinds = {"MESH", "CURVE", "SURFACE", "FONT", "META", "LIGHT"}
+        return context.object is not None and context.object.type in kinds
 
     def draw(self, context: bpy.types.Context) -> None:
         """Draws the object's settings."""
         layout = self.layout
         layout.use_property_split, layout.use_property_decorate = True, False
         settings = context.object.lightkiln
+        if context.object.type == "LIGHT":
+            layout.prop(settings, "group")
+            return
         layout.prop(settings, "casts_shadow")
+        layout.prop(settings, "group")
         if context.object.type != "MESH":
             layout.label(text="Only meshes get a lightmap", icon="INFO")
             layout.operator("lightkiln.make_copies")

@@ -29,6 +29,12 @@ def _leave_preset(settings: bpy.types.PropertyGroup, _context: bpy.types.Context
     settings.preset = fits[0] if fits else "CUSTOM"
 
 
+def _look_at_lights(settings: bpy.types.PropertyGroup, _context: bpy.types.Context) -> None:
+    from . import live
+
+    live.look(settings.id_data)
+
+
 def _own_maps(_settings: bpy.types.PropertyGroup, context: bpy.types.Context, typed: str) -> list[str]:
     mesh = getattr(context.object, "data", None)
     return [layer.name for layer in getattr(mesh, "uv_layers", []) if typed.lower() in layer.name.lower()]
@@ -66,10 +72,37 @@ class LIGHTKILN_PG_scene(bpy.types.PropertyGroup):
         precision=1,
         update=_leave_preset,
     )
-    preview: BoolProperty(
-        name="Preview First",
-        description="Show a coarse lightmap while the first bake of a scene goes on. It takes a little longer",
+    progressive: BoolProperty(
+        name="Show While Baking",
+        description="Show the lightmap as far as it has come: coarse within seconds, then better. "
+        "It takes a little longer",
         default=True,
+    )
+    light: EnumProperty(
+        name="Light",
+        description="Which light the lightmap holds",
+        items=[
+            ("combined", "Combined", "All light"),
+            ("direct", "Direct", "Light straight from lamps: neither world nor emissive materials, and no bounce"),
+            (
+                "indirect",
+                "Indirect",
+                "World, emissive materials and every bounce: for engines whose own lamps shine on lightmapped surfaces",
+            ),
+        ],
+        default="combined",
+    )
+    groups: BoolProperty(
+        name="Light Groups",
+        description="Keep the light of every lamp, emissive material and of the world apart. After such a bake their "
+        "colours and strengths can be changed without another one. It takes about an eighth longer",
+        default=False,
+    )
+    live: BoolProperty(
+        name="Live Relight",
+        description="Update the lightmap as soon as a lamp, the world or an emissive material is changed",
+        default=True,
+        update=_look_at_lights,
     )
     density: FloatProperty(
         name="Texel Density", description="Texels per metre", default=16.0, min=0.01, soft_max=256.0, max=4096.0
@@ -120,6 +153,15 @@ class LIGHTKILN_PG_scene(bpy.types.PropertyGroup):
     )
     notes: CollectionProperty(type=LIGHTKILN_PG_note)
     image: PointerProperty(name="Lightmap", type=bpy.types.Image)
+    # Folder of the light groups that the lightmap was made of, beside the lightmap if it is relative, and what tells it
+    # from that of another bake. Empty if the lightmap cannot be relit.
+    solution: StringProperty()
+    solution_stamp: StringProperty()
+    # The lights, objects and materials as they were baked (light_state.py), as JSON.
+    baked: StringProperty()
+    # What a relight changed, and what it could not, one per line.
+    relit: StringProperty()
+    stale: StringProperty()
     # What the viewport shows: "LIT", "LIGHT" or "ORIGINAL"; set by operators, so that each change can be undone.
     view: StringProperty(default="ORIGINAL")
     summary: StringProperty()
@@ -138,6 +180,11 @@ class LIGHTKILN_PG_object(bpy.types.PropertyGroup):
         min=0.0,
         soft_max=256.0,
         max=4096.0,
+    )
+    group: StringProperty(
+        name="Light Group",
+        description="Lamps and emissive objects with the same group are baked as one and can only be relit together. "
+        "Empty: a group of its own",
     )
     casts_shadow: BoolProperty(name="Casts Shadow", description="The object blocks light", default=True)
     uv_map: StringProperty(

@@ -12,13 +12,20 @@ import bpy
 from .errors import BakeError
 
 LINEAR = "Linear Rec.709"
+# What the baker calls its page.
+PAGE = "lightmap_0.exr"
 
 
 def check_folder(scene: bpy.types.Scene) -> None:
     """Raises BakeError, before anything is baked, if the results could not be kept."""
     settings = scene.lightkiln
-    if settings.storage == "PACKED" and not settings.write_glb:
-        return
+    if settings.storage == "FILE" or settings.write_glb:
+        check_writable(scene)
+
+
+def check_writable(scene: bpy.types.Scene) -> None:
+    """Raises BakeError if the output folder cannot take files."""
+    settings = scene.lightkiln
     if settings.folder.startswith("//") and not bpy.data.filepath:
         raise BakeError(
             f"The output folder `{settings.folder}` is beside the .blend, which is not saved: "
@@ -59,7 +66,7 @@ def store_image(scene: bpy.types.Scene, exr: Path) -> bpy.types.Image:
     packed = scene.lightkiln.storage == "PACKED"
     path = exr
     if not packed:
-        path = _put(scene, exr, f"{result_name(scene)}.exr")
+        path = put(scene, exr, f"{result_name(scene)}.exr")
     image = scene.lightkiln.image
     if image is None:
         image = bpy.data.images.load(str(path))
@@ -79,13 +86,37 @@ def store_image(scene: bpy.types.Scene, exr: Path) -> bpy.types.Image:
     return image
 
 
+def store_groups(scene: bpy.types.Scene, results: Path) -> str:
+    """Keeps the light of all groups and returns its folder: a name beside the lightmap.
+
+    For a lightmap that is packed it is a whole path, of a folder that lasts until Blender is closed.
+    """
+    settings = scene.lightkiln
+    name = f"{result_name(scene)}.groups"
+    packed = settings.storage == "PACKED"
+    folder = Path(bpy.app.tempdir) / name if packed else output_folder(scene) / name
+    folder.mkdir(parents=True, exist_ok=True)
+    empty_groups(folder)
+    # What relighting starts from comes last: without it the folder counts as empty.
+    found = results.glob("solution.lk") if packed else (*results.glob("lightmap_0.*.exr"), *results.glob("solution.lk"))
+    for file in found:
+        shutil.copyfile(file, folder / file.name)
+    return str(folder) if packed else name
+
+
+def empty_groups(folder: Path) -> None:
+    """Removes the light groups of an earlier bake."""
+    for old in (*folder.glob("lightmap_0.*.exr"), *folder.glob("solution.lk")):
+        old.unlink()
+
+
 def store_glb(scene: bpy.types.Scene, glb: Path) -> Path:
     """Keeps the lit GLB in the output folder and returns its path."""
-    return _put(scene, glb, f"{result_name(scene)}.lit.glb")
+    return put(scene, glb, f"{result_name(scene)}.lit.glb")
 
 
-def _put(scene: bpy.types.Scene, source: Path, name: str) -> Path:
-    """Moves a file into the output folder; it appears under its name only when it is whole."""
+def put(scene: bpy.types.Scene, source: Path, name: str) -> Path:
+    """Copies a file into the output folder; it appears under its name only when it is whole."""
     folder = output_folder(scene)
     folder.mkdir(parents=True, exist_ok=True)
     target, partial = folder / name, folder / f".{name}.{os.getpid()}"

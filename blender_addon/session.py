@@ -30,14 +30,14 @@ running: Session | None = None
 failure = ""
 
 
-def start(scene: bpy.types.Scene, view_layer: bpy.types.ViewLayer, *, preview: bool = False) -> Session:
-    """Makes a bake the running one, with a preview before it or not. Raises BakeError if another one runs."""
+def start(scene: bpy.types.Scene, view_layer: bpy.types.ViewLayer, *, progressive: bool = False) -> Session:
+    """Makes a bake the running one, which shows its states or not. Raises BakeError if another one runs."""
     global running, failure
     if running is not None:
         raise BakeError(f"`{running.scene_name}` is being baked: wait for it or cancel it")
     failure = ""
     scene.lightkiln.notes.clear()
-    running = Session(Bake(scene, view_layer, preview=preview))
+    running = Session(Bake(scene, view_layer, progressive=progressive))
     return running
 
 
@@ -96,7 +96,7 @@ def _tick() -> float | None:
         bpy.ops.ed.undo_push(message="Lightkiln Bake")
         return None
     except Cancelled:
-        kept = "the preview is kept" if session.bake.shows_preview else "nothing was changed"
+        kept = "what it had reached is kept" if session.bake.shown else "nothing was changed"
         _end(session, f"Cancelled: {kept}")
     except BakeError as error:
         _end(session, str(error))
@@ -136,7 +136,7 @@ def status(bake: Bake) -> str:
     """One line on how far the bake is."""
     progress = bake.progress
     eta = f", {_duration(progress.eta)} left" if progress.eta is not None else ""
-    what = f"preview shown, {progress.stage}" if bake.shows_preview else progress.stage
+    what = f"{bake.shown} shown, {progress.stage}" if bake.shown else progress.stage
     return f"Lightkiln: {what} {100 * progress.done:.0f} %{eta}"
 
 

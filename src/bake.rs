@@ -3,33 +3,41 @@
 mod groups;
 mod keeper;
 mod light;
+mod merge;
 mod observer;
+mod part;
+mod prepare;
 mod preview;
 mod refine;
 mod relight;
 mod results;
+mod solve;
+mod tiles;
 
 pub use light::{Lit, TexelPatches, light};
+pub use merge::{MergeSettings, merge};
 pub use observer::{Counts, Draft, Found, FoundSoFar, Observer, Refinement, Solution};
 pub use preview::{Preview, preview};
 pub use relight::{RelightSettings, relight};
+pub use solve::{Solving, solve};
+pub use tiles::{GatherSettings, GatheredTiles, TilesDone, gather_tiles, tiles_done};
 
 use crate::accel::Accel;
-use crate::atlas::{self, AtlasError};
+use crate::atlas::AtlasError;
 use crate::config::Settings;
-use crate::import::{self, ImportError, Imported};
-use crate::output::OutputError;
-use crate::output::checkpoint::{self, CheckpointError, Key};
+use crate::import::ImportError;
+use crate::output::checkpoint::{self, CheckpointError};
 use crate::output::glb::GlbError;
-use crate::output::identity::scene_hash;
 pub use crate::output::report::Report;
 use crate::output::report::StageClock;
+use crate::output::{OutputError, PartError};
 use crate::progress::{Cancelled, Progress, Stage};
 use crate::relight::{ChangeError, SolutionError};
-use crate::scene::{LightGroups, Rgb};
 use crate::warning::Warning;
 use groups::GroupedLight;
 use keeper::{Keeper, Pace};
+use light::Solved;
+use prepare::{LaidOut, Loaded};
 use results::{Findings, Results, Subject};
 use std::path::{Path, PathBuf};
 use thiserror::Error;
@@ -49,6 +57,9 @@ pub enum BakeError {
     /// A checkpoint cannot be used.
     #[error(transparent)]
     Checkpoint(#[from] CheckpointError),
+    /// A solution or tiles of it cannot be used.
+    #[error(transparent)]
+    Part(#[from] PartError),
     /// Results cannot be written.
     #[error(transparent)]
     Output(#[from] OutputError),
@@ -114,6 +125,7 @@ impl BakeError {
             Self::Import(_) => "import",
             Self::Atlas(_) => "atlas",
             Self::Checkpoint(_) => "checkpoint",
+            Self::Part(_) => "part",
             Self::Output(e) => e.code(),
             Self::NoSolution(_) | Self::Solution { .. } => "solution",
             Self::Change(_) => "change",
@@ -127,85 +139,90 @@ impl BakeError {
 pub fn bake(path: &Path, settings: &Settings, progress: &dyn Progress) -> Result<Report, BakeError> {
     let clock = StageClock::start();
     let folder = &settings.output.folder;
-    let mut results = Results::open(path, settings)?;
-
-    let (Imported { mut scene, document, mut warnings }, hash) = clock.measure(Stage::Import, || {
-        let imported = import::load(path, &settings.import, progress)?;
-        let hash = scene_hash(&imported.document);
-        Ok::<_, ImportError>((imported, hash))
-    })?;
+    let results = Results::open(path, settings)?;
+    let mut loaded = Loaded::read(path, settings, &clock, progress)?;
     if !settings.resume && checkpoint::exists(folder) {
         let message = "an interrupted bake has left it, and it is not used: --resume goes on from it";
-        warnings.push(Warning::new("checkpoint_unused", "checkpoint.lk", message));
+        loaded.warn(Warning::new("checkpoint_unused", "checkpoint.lk", message), progress);
     }
-    let groups = if settings.output.groups { LightGroups::named(&scene) } else { LightGroups::none(&scene) };
-    warnings.extend(groups::too_many(&groups));
-    warnings.iter().for_each(|w| progress.warn(w));
-    for material in &mut scene.materials {
-        if let Some(&factor) = settings.reflectance.get(&material.name) {
-            material.base_color *= Rgb::from_array(factor);
-        }
-    }
-    let key = Key::new(&hash, settings.of_light());
+    let key = loaded.key(settings);
     let before: Option<(u32, Found)> = if settings.resume { checkpoint::read(folder, &key)? } else { None };
+    let laid_out = loaded.lay_out(settings, &clock, progress)?;
+    let found = match before {
+        Some((layout, _)) if layout != laid_out.fingerprint => {
+            return Err(CheckpointError::Layout(checkpoint::path(folder)).into());
+        }
+        before => before.map(|(_, found)| found),
+    };
+    finish(path, settings, loaded, &laid_out, found, results, &clock, progress)
+}
 
-    let (atlas, faults) = clock.measure(Stage::Atlas, || atlas::build(&scene, &settings.atlas, progress))?;
-    faults.iter().for_each(|w| progress.warn(w));
-    warnings.extend(faults);
-    let texels = clock.measure(Stage::Texels, || atlas::rasterise(&scene, &atlas, progress))?;
+/// Lights a scene from what is `found` already, and writes the results.
+fn finish(
+    path: &Path,
+    settings: &Settings,
+    loaded: Loaded,
+    laid_out: &LaidOut,
+    found: Option<Found>,
+    mut results: Results,
+    clock: &StageClock,
+    progress: &dyn Progress,
+) -> Result<Report, BakeError> {
+    let key = loaded.key(settings);
+    let Loaded { scene, document, hash, groups, mut warnings } = loaded;
+    let LaidOut { atlas, texels, fingerprint } = laid_out;
     let accel = clock.measure(Stage::Accel, || Accel::build(&scene));
-
     let subject = Subject {
         path,
         hash: &hash,
         document: &document,
         scene: &scene,
-        atlas: &atlas,
-        texels: &texels,
-        layout: texels.fingerprint(),
+        atlas,
+        texels,
+        layout: *fingerprint,
         settings,
     };
-    if before.as_ref().is_some_and(|(layout, _)| *layout != subject.layout) {
-        return Err(CheckpointError::Layout(checkpoint::path(folder)).into());
-    }
     let mut keeper = Keeper {
         subject: &subject,
         results: &mut results,
-        clock: &clock,
+        clock,
         progress,
         warnings: &mut warnings,
-        before: before.map(|(_, found)| found),
+        before: found,
         states: settings.progressive.then(Pace::of_states),
         accel: &accel,
         judged: None,
         refinements: Vec::new(),
         checkpoints: settings.checkpoint.map(|every| (Pace::every(every), key)),
     };
-    let Lit { lightmap, state, counts, patches } = if settings.preview {
-        let Preview { lightmap, state, counts, .. } = preview(&accel, &atlas, &texels, &clock, progress)?;
+    let Lit { mut lightmap, state, counts, patches } = if settings.preview {
+        let Preview { lightmap, state, counts, .. } = preview(&accel, atlas, texels, &groups, clock, progress)?;
         // It is judged, if that is asked for, but stays what it is.
         keeper.judge(&lightmap, &[], &counts)?;
         keeper.refinements.clear();
         Lit { lightmap, state, counts, patches: None }
     } else {
-        let first = keeper.first_look()?;
-        light(&accel, &atlas, &texels, &groups, settings.error, first.as_ref(), &mut keeper, &clock, progress)?
+        let first = keeper.first_look(&groups)?;
+        light(&accel, atlas, texels, &groups, settings.error, first.as_ref(), &mut keeper, clock, progress)?
     };
     let (irradiance, audit) = match keeper.judged.take() {
-        Some(judged) => judged,
-        None => (keeper.finish(&lightmap)?, None),
+        Some(judged) if settings.light.is_all() => judged,
+        judged => {
+            settings.light.keep(&mut lightmap.combined, &lightmap.direct_groups);
+            (keeper.finish(&lightmap)?, judged.and_then(|(_, audit)| audit))
+        }
     };
     let refinements = keeper.refinements;
     let findings = Findings { state, counts, audit, refinements, warnings };
-    let grouped = patches.as_ref().map(|patches| GroupedLight {
+    let grouped = patches.as_ref().filter(|_| settings.output.groups).map(|patches| GroupedLight {
         subject: &subject,
         groups: &groups,
         lightmap: &lightmap,
         patches,
     });
-    let report = results.publish(&subject, &irradiance, findings, grouped.as_ref(), &clock, progress)?;
+    let report = results.publish(&subject, &irradiance, findings, grouped.as_ref(), clock, progress)?;
     if settings.checkpoint.is_some() {
-        checkpoint::remove(folder);
+        checkpoint::remove(&settings.output.folder);
     }
     Ok(report)
 }

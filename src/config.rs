@@ -14,6 +14,19 @@ use std::time::Duration;
 /// Errors that can be aimed for, as a share.
 pub const ERROR_RANGE: RangeInclusive<f32> = 0.001..=0.5;
 
+/// Which light a lightmap holds.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum LightPart {
+    /// All light.
+    #[default]
+    Combined,
+    /// Light straight from lamps: neither sky nor emissive surfaces, and no bounce.
+    Direct,
+    /// All other light: sky, emissive surfaces, and every bounce.
+    Indirect,
+}
+
 /// Settings of a bake.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Settings {
@@ -27,7 +40,10 @@ pub struct Settings {
     pub output: OutputSettings,
     /// By what the reflectance of materials is multiplied, by name.
     pub reflectance: BTreeMap<String, [f32; 3]>,
-    /// Relative error to aim for, within [`ERROR_RANGE`].
+    /// Which light is kept.
+    #[serde(default)]
+    pub light: LightPart,
+    /// Relative error of all light to aim for, within [`ERROR_RANGE`].
     pub error: f32,
     /// True: a rough lightmap within seconds; the error is what it comes to.
     pub preview: bool,
@@ -49,6 +65,7 @@ impl Default for Settings {
             post: PostSettings::default(),
             output: OutputSettings::default(),
             reflectance: BTreeMap::new(),
+            light: LightPart::default(),
             error: 0.02,
             preview: false,
             progressive: false,
@@ -74,6 +91,7 @@ impl Settings {
             ("resolution", json!(atlas.resolution)),
             ("padding", json!(atlas.padding)),
             ("groups", json!(output.groups)),
+            ("light", json!(self.light)),
             ("quantity", json!(output.quantity)),
             ("precision", json!(output.precision)),
         ];

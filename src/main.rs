@@ -5,7 +5,7 @@ mod cli;
 use clap::Parser;
 use cli::args::{Arguments, Command};
 use cli::console::Console;
-use cli::{bake, failure, info, interrupt, relight};
+use cli::{bake, failure, info, interrupt, relight, tiles};
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
@@ -19,6 +19,9 @@ fn main() -> ExitCode {
         Command::Bake(options) => bake::run(options, console, cancelled),
         Command::Relight(options) => relight::run(options, console, cancelled),
         Command::Info(options) => info::run(options, console, cancelled),
+        Command::Solve(options) => tiles::solve(options, console, cancelled),
+        Command::Gather(options) => tiles::gather(options, console, cancelled),
+        Command::Merge(options) => tiles::merge(options, console, cancelled),
     });
     match done {
         Ok(()) => ExitCode::SUCCESS,

@@ -138,6 +138,30 @@ fn a_page_for_every_group_and_the_whole_unchanged() {
 }
 
 #[test]
+fn direct_and_indirect_light_add_up() {
+    let bench = Bench::new();
+    for options in [&[][..], &["--preview"], &["--progressive"]] {
+        let of = |part: &str| {
+            let report = bench.bake("room.glb", part, &[options, &["--light", part, "--force"]].concat());
+            assert_eq!(report["settings"]["light"], part);
+            bench.page(&format!("{part}/lightmap_0.exr"))
+        };
+        let (direct, indirect) = (of("direct"), of("indirect"));
+        let sum: Vec<f32> = direct.iter().zip(&indirect).map(|(a, b)| a + b).collect();
+        check_rounding("sum", &sum, &of("combined"), 4.0);
+        // The wall bounces, and the sky is no lamp.
+        assert!(direct.iter().sum::<f32>() > 0.0 && indirect.iter().sum::<f32>() > 0.0);
+    }
+    // Without reflection and sky, lamps are all there is.
+    bench.bake("room.glb", "maps", &["--groups"]);
+    bench.relight("relit", &["environment=0", "material:Red.reflectance=0", "material:material0.reflectance=0"]);
+    let miss = difference(&bench.page("relit/lightmap_0.exr"), &bench.page("direct/lightmap_0.exr"));
+    assert!(miss < 0.15, "{miss}");
+    let both = bench.run(&["bake", "room.glb", "--groups", "--light", "direct"]);
+    assert_eq!(code(&both), 2);
+}
+
+#[test]
 fn lamps_are_changed_exactly() {
     let bench = Bench::new();
     bench.bake("room.glb", "maps", &["--groups"]);

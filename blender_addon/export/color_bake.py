@@ -15,7 +15,9 @@ import bpy
 from mathutils import Matrix
 
 from ..errors import Note
+from ..places import Page, Receiver
 from .materials import BakedColors
+from .write import Writer
 
 # Texels of a baked colour, at least and at most.
 LEAST, MOST = 64, 512
@@ -43,6 +45,20 @@ class Baked:
 
     colors: dict[tuple[int, str], BakedColors] = field(default_factory=dict)
     notes: list[Note] = field(default_factory=list)
+
+
+def wishes(page: Page, receivers: list[Receiver], writer: Writer) -> list[Wish]:
+    """What must be baked because it cannot be read, once per mesh."""
+    by_uid = {ob.session_uid: ob for ob in bpy.data.objects}
+    found: dict[int, Wish] = {}
+    for receiver in receivers:
+        number = receiver.instance.mesh
+        channels = writer.unread(number)
+        ob = by_uid[receiver.instance.key[0]]
+        if channels and number not in found and ob.type == "MESH":
+            side = round(page.places[receiver.instance.key].values[0] * page.side)
+            found[number] = Wish(number, ob, receiver.instance.matrix, receiver.uv_map, side, channels)
+    return list(found.values())
 
 
 @contextmanager

@@ -42,6 +42,11 @@ def read_lamp(name: str, light: bpy.types.Light, matrix: Matrix) -> tuple[Json, 
     return lamp, node, notes
 
 
+def lamp_group(light: bpy.types.Light) -> str:
+    """The light group of a lamp that is in none of the user's: lamps that share their data share their light."""
+    return light.name.strip() or "Lamp"
+
+
 def _power(name: str, light: bpy.types.Light, notes: list[Note]) -> Vector:
     """Power per channel, W or W/m²."""
     strength = light.energy * 2.0 ** getattr(light, "exposure", 0.0)

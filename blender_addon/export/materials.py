@@ -79,7 +79,11 @@ class Materials:
             emission = Color(texture=lie["emission"]) if "emission" in lie else emission
         self._missing_sets(name, base, emission, sets)
         pbr: Json = {"metallicFactor": 0.0, "roughnessFactor": 1.0}
-        material: Json = {"name": name, "doubleSided": True, "extras": {"lightkiln": {"material": name}}}
+        material: Json = {
+            "name": name.strip() or "Material",
+            "doubleSided": True,
+            "extras": {"lightkiln": {"material": name}},
+        }
         factor = base.factor
         if surface.opacity.texture:
             pbr["baseColorTexture"] = self._masked(base, surface.opacity, sets)

@@ -50,6 +50,8 @@ class Instance:
     mesh: int
     matrix: Matrix
     casts_shadow: bool
+    # Light group of its emission; empty: one per material.
+    group: str
     # True if the object stands in the scene itself or comes from a collection that does.
     addressable: bool
 
@@ -60,8 +62,15 @@ class Snapshot:
 
     meshes: list[MeshData] = field(default_factory=list)
     instances: list[Instance] = field(default_factory=list)
-    lamps: list[tuple[str, bpy.types.Light, Matrix]] = field(default_factory=list)
+    # Name, lamp, place and light group, which may be empty.
+    lamps: list[tuple[str, bpy.types.Light, Matrix, str]] = field(default_factory=list)
     notes: list[Note] = field(default_factory=list)
+
+
+def light_group(ob: bpy.types.Object) -> str:
+    """The light group that the user gave an object; empty if none. Files are named after it, so it has an end."""
+    name: str = ob.lightkiln.group
+    return name.strip()[:48].strip()
 
 
 def take(scene: bpy.types.Scene, view_layer: bpy.types.ViewLayer) -> Snapshot:
@@ -76,7 +85,9 @@ def take(scene: bpy.types.Scene, view_layer: bpy.types.ViewLayer) -> Snapshot:
             if not _is_rendered(place, shown):
                 continue
             if ob.type == "LIGHT":
-                snapshot.lamps.append((_name(place), ob.original.data, place.matrix_world.copy()))
+                original = ob.original
+                lamp = (_name(place), original.data, place.matrix_world.copy(), light_group(original))
+                snapshot.lamps.append(lamp)
             elif ob.type in LIT_TYPES:
                 _add_mesh(snapshot, known, unreal, place)
     for name, count in unreal.items():
@@ -145,6 +156,7 @@ def _add_mesh(
             mesh=known[identity],
             matrix=place.matrix_world.copy(),
             casts_shadow=original.visible_shadow and original.lightkiln.casts_shadow,
+            group=light_group(original),
             addressable=parent is None or of_collection,
         )
     )

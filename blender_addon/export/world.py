@@ -13,6 +13,7 @@ from pathlib import Path
 
 import bpy
 
+from .digest import tree_digest
 from .glb import Json
 from .nodes import Color, Groups, Source, color, number, source
 
@@ -23,15 +24,22 @@ _WIDTH, _SAMPLES = 1024, 16
 
 def environment(world: bpy.types.World | None, folder: Path) -> Json | None:
     """What surrounds the scene; none for black. May write the panorama into `folder`."""
+    sky = plain_sky(world)
+    if sky is None:
+        render_panorama(world, folder / PANORAMA)
+        return {"image": PANORAMA, "rotation": [0.0, 0.0, 0.0, 1.0], "strength": 1.0}
+    return sky or None
+
+
+def plain_sky(world: bpy.types.World | None) -> Json | None:
+    """A constant or gradient sky as numbers, nothing for a black one; none for one that must be rendered."""
     if world is None:
-        return None
+        return {}
     if not getattr(world, "use_nodes", True) or world.node_tree is None:
         return {"radiance": list(world.color)}
-    outputs = [n for n in world.node_tree.nodes if n.bl_idname == "ShaderNodeOutputWorld"]
-    output = next((n for n in outputs if n.is_active_output), None)
-    if output is None or source(output.inputs["Surface"]).node is None:
-        return None
-    background = source(output.inputs["Surface"])
+    background = _background(world.node_tree)
+    if background is None:
+        return {}
     if background.node.bl_idname == "ShaderNodeBackground":
         strength = number(background.node.inputs["Strength"], background.groups)
         plain = color(background.node.inputs["Color"], background.groups)
@@ -41,8 +49,26 @@ def environment(world: bpy.types.World | None, folder: Path) -> Json | None:
         if strength is not None and gradient is not None:
             horizon, zenith = ([c * strength for c in end.factor] for end in gradient)
             return {"gradient": {"zenith": zenith, "horizon": horizon, "ground": horizon}}
-    render_panorama(world, folder / PANORAMA)
-    return {"image": PANORAMA, "rotation": [0.0, 0.0, 0.0, 1.0], "strength": 1.0}
+    return None
+
+
+def _background(tree: bpy.types.NodeTree) -> Source | None:
+    """The shader that feeds the tree's output."""
+    outputs = [n for n in tree.nodes if n.bl_idname == "ShaderNodeOutputWorld"]
+    output = next((n for n in outputs if n.is_active_output), None)
+    fed = source(output.inputs["Surface"]) if output else None
+    return fed if fed and fed.node else None
+
+
+def sky_strength(world: bpy.types.World) -> tuple[float, str]:
+    """Strength of a sky that must be rendered, and a digest of all but that."""
+    background = _background(world.node_tree)
+    if background and background.node.bl_idname == "ShaderNodeBackground":
+        socket = background.node.inputs["Strength"]
+        strength = number(socket, background.groups)
+        if strength is not None and not socket.links:
+            return strength, tree_digest(world.node_tree, socket)
+    return 1.0, tree_digest(world.node_tree)
 
 
 def _gradient(s: Source) -> tuple[Color, Color] | None:

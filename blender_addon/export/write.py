@@ -15,10 +15,11 @@ from ..errors import Note
 from ..places import Page, Receiver
 from .axes import CHANGE, placement
 from .glb import EXTENSION, Glb, Json
-from .lamps import profile_text, read_lamp
+from .lamps import lamp_group, profile_text, read_lamp
+from .lit import show_lightmap
 from .materials import BakedColors, Materials
 from .snapshot import Instance, MeshData, Snapshot
-from .world import environment
+from .world import PANORAMA, environment
 
 GENERATOR = "Lightkiln for Blender"
 Floats = npt.NDArray[np.float32]
@@ -38,6 +39,8 @@ class Writer:
         # Attributes and indices by mesh, slot, name and, where it matters, matrix.
         self._accessors: dict[tuple[object, ...], int] = {}
         self._unlit: dict[tuple[object, ...], int] = {}
+        # Primitives that lie on the lightmap.
+        self._lit: list[Json] = []
 
     def collect(
         self, world: bpy.types.World | None, folder: Path, baked: Mapping[tuple[int, str], BakedColors]
@@ -48,8 +51,9 @@ class Writer:
         """
         for instance in self._snapshot.instances:
             self._add_instance(instance, baked)
-        for name, light, matrix in self._snapshot.lamps:
+        for name, light, matrix, group in self._snapshot.lamps:
             lamp, node, notes = read_lamp(name, light, matrix)
+            lamp["group"] = group or lamp_group(light)
             node["extras"] = {"lightkiln": {"object": name}}
             profile = profile_text(light)
             if profile is not None:
@@ -76,6 +80,16 @@ class Writer:
         shines = sky and (list(sky) != ["radiance"] or max(sky["radiance"]) > 0)
         return not (shines or extension.get("lights") or "emissiveFactor" in str(self._glb.json.get("materials", "")))
 
+    def show_lightmap(self, radiance: Floats, uri: str) -> None:
+        """Lets what lies on the lightmap show it; `radiance` is the page, top row first, `uri` its EXR."""
+        self._materials.pending.append(show_lightmap(self._glb, self._lit, radiance, uri))
+
+    def embed_sky(self, folder: Path) -> None:
+        """Takes a panorama that `collect` wrote into the document, for a file that goes elsewhere."""
+        sky = self._glb.scene_extension.get("environment", {})
+        if sky.get("image") == PANORAMA:
+            sky["image"] = {"bufferView": self._glb.add_view((folder / PANORAMA).read_bytes())}
+
     def finish(self, path: Path) -> None:
         """Encodes images and writes the file."""
         self._materials.encode_pending()
@@ -89,6 +103,8 @@ class Writer:
             extension["lightmap"] = False
         if not instance.casts_shadow:
             extension["castsShadows"] = False
+        if instance.group:
+            extension["group"] = instance.group
         node: Json = {"name": instance.name, **(place or {})}
         node["extras"] = {"lightkiln": {"object": instance.name, "instance": list(instance.key[2])}}
         if extension:
@@ -170,7 +186,10 @@ class Writer:
             turned = triangles[:, ::-1] if key[-1] else triangles
             self._accessors[key] = self._glb.add_indices(np.ascontiguousarray(turned, np.uint32).ravel())
         written = self._materials.write(material, sets, own)
-        return {"attributes": attributes, "indices": self._accessors[key], "material": written}
+        primitive = {"attributes": attributes, "indices": self._accessors[key], "material": written}
+        if receiver is not None:
+            self._lit.append(primitive)
+        return primitive
 
     def _uv_sets(
         self,

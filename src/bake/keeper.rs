@@ -15,6 +15,7 @@ use crate::output::checkpoint::{self, Key};
 use crate::output::report::{RefinementFacts, StageClock};
 use crate::post;
 use crate::progress::{Cancelled, Progress, Quiet, Stage};
+use crate::scene::LightGroups;
 use crate::warning::Warning;
 use std::time::{Duration, Instant};
 
@@ -61,12 +62,13 @@ impl Pace {
         Self::every(BETWEEN_STATES)
     }
 
-    fn is_due(&self) -> bool {
+    /// True if it is.
+    pub(super) fn is_due(&self) -> bool {
         Instant::now() >= self.due
     }
 
     /// It was done, from `start` on.
-    fn done(&mut self, start: Instant) {
+    pub(super) fn done(&mut self, start: Instant) {
         // Who asks for no time between wants it at every opportunity.
         let rest = if self.least.is_zero() { Duration::ZERO } else { self.least.max(REST * start.elapsed()) };
         self.due = Instant::now() + rest;
@@ -76,7 +78,7 @@ impl Pace {
 impl Keeper<'_> {
     /// Bakes a preview and shows it, unless states are not wanted, or better is known from an interrupted bake. Returns
     /// what it knows of all but direct light.
-    pub(super) fn first_look(&mut self) -> Result<Option<Smooth>, Cancelled> {
+    pub(super) fn first_look(&mut self, groups: &LightGroups) -> Result<Option<Smooth>, Cancelled> {
         let Subject { atlas, texels, .. } = *self.subject;
         let is_solved = self.before.as_ref().is_some_and(|found| found.solution.is_some());
         if self.states.is_none() || is_solved {
@@ -87,11 +89,12 @@ impl Keeper<'_> {
             self.keep(&FoundSoFar { direct: None, solution: None, probes: &[] });
         }
         self.progress.report(Stage::Preview, 0.0);
-        let Preview { lightmap, rest, state, counts } = self.clock.measure(Stage::Preview, || {
+        let Preview { mut lightmap, rest, state, counts } = self.clock.measure(Stage::Preview, || {
             // What its parts take is no part of the stages that it looks ahead to.
-            preview(self.accel, atlas, texels, &StageClock::start(), &Quiet(self.progress))
+            preview(self.accel, atlas, texels, groups, &StageClock::start(), &Quiet(self.progress))
         })?;
         self.progress.report(Stage::Preview, 1.0);
+        self.subject.settings.light.keep(&mut lightmap.combined, &lightmap.direct_groups);
         self.show(Draft { lightmap, state }, &counts);
         Ok(Some(rest))
     }
@@ -200,8 +203,11 @@ impl Observer for Keeper<'_> {
             self.keep(so_far);
         }
         if self.states.as_ref().is_some_and(Pace::is_due)
-            && let Some(draft) = draft()
+            && let Some(mut draft) = draft()
         {
+            if let Some(direct) = so_far.direct {
+                self.subject.settings.light.keep(&mut draft.lightmap.combined, &direct.groups);
+            }
             self.show(draft, counts);
         }
     }

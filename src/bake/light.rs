@@ -5,7 +5,7 @@ use crate::accel::Accel;
 use crate::atlas::{Atlas, Texels};
 use crate::gather::{
     self, CellSettings, Direct, DirectSettings, Emission, Footprint, GatherStart, Gathering, Grouped, Indirect, Lamp,
-    Lamps, Lightmap, LitScene, Portals, ProbeSettings, Smooth, Source,
+    Lamps, Lightmap, LitScene, Portals, Probe, ProbeSettings, Smooth, Source,
 };
 use crate::hierarchy::{self, Hierarchy, Side, Surface, Surfels};
 use crate::output::report::StageClock;
@@ -71,6 +71,39 @@ pub fn light(
     clock: &StageClock,
     progress: &dyn Progress,
 ) -> Result<Lit, Cancelled> {
+    let end = |solved: Solved, observer: &mut dyn Observer| solved.gather(observer);
+    solved(accel, atlas, texels, groups, error, first, observer, clock, progress, end)
+}
+
+/// The scene with its radiosity solution: what the final gather starts from.
+pub(super) struct Solved<'a> {
+    lit: LitScene<'a>,
+    error: f32,
+    clock: &'a StageClock,
+    progress: &'a dyn Progress,
+    /// False where a texel lies inside other geometry.
+    usable: Vec<bool>,
+    /// What is costly of it.
+    pub(super) solution: &'a Solution,
+    /// What it took.
+    counts: Counts,
+    /// Probes that were gathered before.
+    probes: Vec<(u32, Probe)>,
+}
+
+/// Lights a scene as far as its radiosity solution, hands that to `then`, and returns what comes of it.
+pub(super) fn solved<T, E: From<Cancelled>>(
+    accel: &Accel,
+    atlas: &Atlas,
+    texels: &Texels,
+    groups: &LightGroups,
+    error: f32,
+    first: Option<&Smooth>,
+    observer: &mut dyn Observer,
+    clock: &StageClock,
+    progress: &dyn Progress,
+    then: impl FnOnce(Solved, &mut dyn Observer) -> Result<T, E>,
+) -> Result<T, E> {
     let mut counts = Counts::default();
     let scene = accel.scene();
     let before = observer.found_before();
@@ -88,18 +121,8 @@ pub fn light(
         None => gather::texel_direct(&lamps, groups.len(), atlas, texels, &footprint, &direct_settings, progress),
     })?;
     counts.rays.insert("shadow".into(), direct.rays);
-    // What is drafted: direct light as it is by now, and the rest with its squared error.
-    let draft = |reached: Milestone, rest: &[Rgb], squares: f64| {
-        let combined: Vec<Rgb> = direct.irradiance.iter().zip(rest).map(|(&d, &i)| d + i).collect();
-        let squares = squares + f64::from(direct.noise).powi(2) * texels.len() as f64;
-        let state = State { reached, predicted_error: relative(squares, &combined) };
-        let (direct, usable) = (direct.irradiance.clone(), usable.clone());
-        (Lightmap { direct, combined, usable, ..Lightmap::default() }, state)
-    };
-    let all = |change: f32| f64::from(change).powi(2) * texels.len() as f64;
     observer.found(&FoundSoFar { direct: Some(&direct), solution: None, probes: &[] }, &counts, &mut || {
-        let rest = first?;
-        Some(draft(Milestone::Direct, &rest.irradiance, all(rest.change)).into())
+        Some(smooth_draft(Milestone::Direct, &direct, first?, &usable).into())
     });
 
     let surfels = Surfels::new(scene, atlas, texels, footprint.covered(), footprint.parted(), footprint.crossed());
@@ -130,53 +153,113 @@ pub fn light(
     };
     counts.solver = solution.counts.solver;
     counts.rays.extend(solution.counts.rays.clone());
-    let bounce = &solution.bounce;
-    let patches = (!groups.is_empty()).then(|| {
-        let lit =
-            LitElements { scene, atlas, surfels: &surfels, tree: &tree, shut: &shut, bounce, direct: &direct_groups };
-        let (patches, of_element) = clock.measure(Stage::Solve, || Patches::new(&lit));
-        let patch = |t| tree.element_of(t, Side::Front).map(|e| of_element[e as usize]);
-        TexelPatches { patches, of_texel: (0..texels.len() as u32).map(patch).collect() }
-    });
-    let rest = match observer.wants_drafts() {
-        true => Some(gather::smooth(atlas, texels, &tree, &bounce.irradiance, ELEMENT_SIDE, progress)?),
-        false => None,
-    };
-    let solved = FoundSoFar { direct: Some(&direct), solution: Some(&solution), probes: &[] };
-    observer.found(&solved, &counts, &mut || {
-        let rest = rest.as_ref()?;
-        Some(draft(Milestone::Solution, &rest.irradiance, all(rest.change)).into())
-    });
+    let solution = &solution;
+    then(Solved { lit, error, clock, progress, usable, solution, counts, probes: before.probes }, observer)
+}
 
-    let source = Source::new(lit, &bounce.irradiance, &bounce.groups, Some(&bounce.guide));
-    let mean = mean(texels, &direct.irradiance, &tree, &bounce.irradiance);
-    let start = GatherStart { probes: before.probes, ..GatherStart::default() };
-    let mut indirect = clock.measure(Stage::Gather, || {
-        let mut watch = |gathering: &Gathering| {
-            let so_far = FoundSoFar { probes: gathering.probes(), ..solved };
-            observer.found(&so_far, &counts, &mut || {
-                let rest = rest.as_ref()?;
-                let (irradiance, squares) = gathering.draft(&rest.irradiance, rest.change);
-                Some(draft(Milestone::Gather, &irradiance, squares).into())
-            });
-        };
-        let settings = cell_settings(error, mean);
-        gather::indirect(&source, atlas, texels, &footprint, &settings, start, &mut watch, progress)
-    })?;
-    counts.solver.probes = indirect.probes.len() as u64;
-    counts.rays.insert("gather".into(), indirect.rays);
-    let (mut lightmap, mut state) = draft(Milestone::Final, &indirect.irradiance, indirect.squared_error);
-    lightmap.direct_groups.clone_from(&direct.groups);
-
-    let probes = std::mem::take(&mut indirect.probes);
-    while let Some(refinement) = observer.judge(&lightmap, &probes, &counts)? {
-        indirect = gather_again(&source, &refinement, mean, indirect, &mut lightmap, &mut counts, clock, progress)?;
-        state = draft(Milestone::Final, &indirect.irradiance, indirect.squared_error).1;
-        lightmap.combined = lightmap.direct.iter().zip(&indirect.irradiance).map(|(&d, &i)| d + i).collect();
+impl Solved<'_> {
+    /// Direct light and solution, as they are kept.
+    pub(super) fn found(&self) -> FoundSoFar<'_> {
+        FoundSoFar { direct: Some(self.lit.direct), solution: Some(self.solution), probes: &[] }
     }
-    lightmap.groups = indirect.groups;
-    lightmap.groups.add_all(&lightmap.direct_groups);
-    Ok(Lit { lightmap, state, counts, patches })
+
+    /// What probes see.
+    fn source(&self) -> Source<'_> {
+        let bounce = &self.solution.bounce;
+        Source::new(self.lit, &bounce.irradiance, &bounce.groups, Some(&bounce.guide))
+    }
+
+    /// About the mean irradiance of the lightmap, W/m².
+    fn mean(&self) -> f32 {
+        let LitScene { surfels, hierarchy, direct, .. } = self.lit;
+        mean(surfels.texels, &direct.irradiance, hierarchy, &self.solution.bounce.irradiance)
+    }
+
+    /// The probes of all cells that hold a `wanted` texel, by texel. `watch` is called now and then with those so far.
+    pub(super) fn probes(
+        mut self,
+        wanted: Vec<bool>,
+        mut watch: impl FnMut(&[(u32, Probe)]),
+    ) -> Result<Vec<(u32, Probe)>, Cancelled> {
+        let LitScene { atlas, surfels, footprint, .. } = self.lit;
+        let before = std::mem::take(&mut self.probes);
+        let (source, settings) = (self.source(), cell_settings(self.error, self.mean()));
+        let start = GatherStart { wanted, probes: before, ..GatherStart::default() };
+        let mut watch = |gathering: &Gathering| watch(gathering.probes());
+        let indirect = self.clock.measure(Stage::Gather, || {
+            gather::indirect(&source, atlas, surfels.texels, footprint, &settings, start, &mut watch, self.progress)
+        })?;
+        Ok(indirect.probes)
+    }
+
+    /// Gathers all texels.
+    fn gather(mut self, observer: &mut dyn Observer) -> Result<Lit, Cancelled> {
+        let LitScene { accel, atlas, surfels, hierarchy: tree, footprint, direct, shut, .. } = self.lit;
+        let (texels, bounce, clock, progress) = (surfels.texels, &self.solution.bounce, self.clock, self.progress);
+        let (mut counts, before) = (std::mem::take(&mut self.counts), std::mem::take(&mut self.probes));
+        let patches = (!self.lit.groups.is_empty()).then(|| {
+            let scene = accel.scene();
+            let direct = self.lit.element_direct_groups;
+            let lit = LitElements { scene, atlas, surfels, tree, shut, bounce, direct };
+            let (patches, of_element) = clock.measure(Stage::Solve, || Patches::new(&lit));
+            let patch = |t| tree.element_of(t, Side::Front).map(|e| of_element[e as usize]);
+            TexelPatches { patches, of_texel: (0..texels.len() as u32).map(patch).collect() }
+        });
+        let rest = match observer.wants_drafts() {
+            true => Some(gather::smooth(atlas, texels, tree, &bounce.irradiance, ELEMENT_SIDE, progress)?),
+            false => None,
+        };
+        let (solved, usable) = (self.found(), &self.usable);
+        observer.found(&solved, &counts, &mut || {
+            Some(smooth_draft(Milestone::Solution, direct, rest.as_ref()?, usable).into())
+        });
+
+        let (source, mean) = (self.source(), self.mean());
+        let start = GatherStart { probes: before, ..GatherStart::default() };
+        let mut indirect = clock.measure(Stage::Gather, || {
+            let mut watch = |gathering: &Gathering| {
+                let so_far = FoundSoFar { probes: gathering.probes(), ..solved };
+                observer.found(&so_far, &counts, &mut || {
+                    let rest = rest.as_ref()?;
+                    let (irradiance, squares) = gathering.draft(&rest.irradiance, rest.change);
+                    Some(draft(Milestone::Gather, direct, &irradiance, squares, usable).into())
+                });
+            };
+            let settings = cell_settings(self.error, mean);
+            gather::indirect(&source, atlas, texels, footprint, &settings, start, &mut watch, progress)
+        })?;
+        counts.solver.probes = indirect.probes.len() as u64;
+        counts.rays.insert("gather".into(), indirect.rays);
+        let last =
+            |indirect: &Indirect| draft(Milestone::Final, direct, &indirect.irradiance, indirect.squared_error, usable);
+        let (mut lightmap, mut state) = last(&indirect);
+        lightmap.direct_groups.clone_from(&direct.groups);
+
+        let probes = std::mem::take(&mut indirect.probes);
+        while let Some(refinement) = observer.judge(&lightmap, &probes, &counts)? {
+            indirect = gather_again(&source, &refinement, mean, indirect, &mut lightmap, &mut counts, clock, progress)?;
+            state = last(&indirect).1;
+            lightmap.combined = lightmap.direct.iter().zip(&indirect.irradiance).map(|(&d, &i)| d + i).collect();
+        }
+        lightmap.groups = indirect.groups;
+        lightmap.groups.add_all(&lightmap.direct_groups);
+        Ok(Lit { lightmap, state, counts, patches })
+    }
+}
+
+/// Direct light as it is by now with the `rest`, which has the squared error `squares` over all texels.
+fn draft(reached: Milestone, direct: &Direct, rest: &[Rgb], squares: f64, usable: &[bool]) -> (Lightmap, State) {
+    let combined: Vec<Rgb> = direct.irradiance.iter().zip(rest).map(|(&d, &i)| d + i).collect();
+    let squares = squares + f64::from(direct.noise).powi(2) * combined.len() as f64;
+    let state = State { reached, predicted_error: relative(squares, &combined) };
+    let (direct, usable) = (direct.irradiance.clone(), usable.to_vec());
+    (Lightmap { direct, combined, usable, ..Lightmap::default() }, state)
+}
+
+/// The same with a rest that is smooth.
+fn smooth_draft(reached: Milestone, direct: &Direct, rest: &Smooth, usable: &[bool]) -> (Lightmap, State) {
+    let squares = f64::from(rest.change).powi(2) * rest.irradiance.len() as f64;
+    draft(reached, direct, &rest.irradiance, squares, usable)
 }
 
 /// A root mean square as a share of the mean of `irradiance`, from the sum of squares of all texels.

@@ -37,19 +37,19 @@ pub struct Preview {
     pub counts: Counts,
 }
 
-/// Irradiance of every texel, roughly.
+/// Irradiance of every texel, roughly; direct light also by `groups`.
 pub fn preview(
     accel: &Accel,
     atlas: &Atlas,
     texels: &Texels,
+    groups: &LightGroups,
     clock: &StageClock,
     progress: &dyn Progress,
 ) -> Result<Preview, Cancelled> {
     let mut counts = Counts::default();
     let scene = accel.scene();
     let footprint = clock.measure(Stage::Texels, || Footprint::rough(accel, atlas, texels, progress))?;
-    let groups = LightGroups::none(scene);
-    let (emission, lamps) = lamps(scene, &groups);
+    let (emission, lamps) = lamps(scene, groups);
     let (lamps, mut direct) = clock.measure(Stage::Direct, || {
         let portals = Portals::find(accel, &footprint, texels.len() as u32, groups.of_environment(), progress)?;
         let lamps = Lamps::new(lamps, portals, accel);
@@ -80,7 +80,7 @@ pub fn preview(
             direct: &direct,
             element_direct: &elements.direct,
             element_direct_groups: &direct_groups,
-            groups: &groups,
+            groups,
             shut: &shut,
         };
         let guess = (vec![Rgb::ZERO; tree.elements.len()], Grouped::default());
@@ -95,6 +95,7 @@ pub fn preview(
     let squares = f64::from(UNSEEN * direct.noise.hypot(rest.change)).powi(2) * texels.len() as f64;
     let state = State { reached: Milestone::Preview, predicted_error: relative(squares, &combined) };
     let usable = (0..texels.len() as u32).map(|t| !footprint.is_hidden(t)).collect();
-    let lightmap = Lightmap { direct: direct.irradiance, combined, usable, ..Lightmap::default() };
+    let (direct, direct_groups) = (direct.irradiance, direct.groups);
+    let lightmap = Lightmap { direct, combined, direct_groups, usable, ..Lightmap::default() };
     Ok(Preview { lightmap, rest, state, counts })
 }

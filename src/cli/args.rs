@@ -1,15 +1,15 @@
 //! What was typed. What it means is [`lightkiln::config::Settings`].
 
-use clap::{Args, Parser, Subcommand, ValueEnum};
-use lightkiln::atlas::{AtlasSettings, Unwrapper, UvMode};
+use super::options::{
+    AuditChoice, FormArguments, LightArguments, SourceArguments, SpeechArguments, ThreadArguments, parse_seconds,
+};
+use clap::{Args, Parser, Subcommand};
 use lightkiln::audit::Effort;
-use lightkiln::bake::RelightSettings;
-use lightkiln::config::{ERROR_RANGE, Settings};
-use lightkiln::import::ImportSettings;
-use lightkiln::output::{OutputSettings, Precision};
+use lightkiln::bake::{GatherSettings, MergeSettings, RelightSettings};
+use lightkiln::config::Settings;
+use lightkiln::output::{OutputSettings, TileSet};
 use lightkiln::relight::Assignment;
-use lightkiln::units::{LightUnits, Quantity};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::time::Duration;
 
 /// Time between checkpoints unless it is said.
@@ -31,8 +31,14 @@ pub(crate) enum Command {
     Bake(Box<BakeArguments>),
     /// Change lamps, emission, sky and reflectances of a bake without casting a ray.
     Relight(RelightArguments),
-    /// Show what a glTF scene holds.
+    /// Show what a glTF scene or a solution holds.
     Info(InfoArguments),
+    /// Do the part of a bake that comes before its tiles, which any machine can then gather.
+    Solve(SolveArguments),
+    /// Gather tiles of a solution.
+    Gather(GatherArguments),
+    /// Make the results of a bake from the tiles of a solution.
+    Merge(MergeArguments),
 }
 
 /// `lightkiln bake`.
@@ -43,11 +49,10 @@ pub(crate) struct BakeArguments {
     /// Folder for the results [default: lightmaps/<name of the scene>].
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
-    /// Error to aim for, as 2% or 0.02.
-    #[arg(long, value_name = "ERROR", default_value = "2%", value_parser = parse_error)]
-    error: f32,
+    #[command(flatten)]
+    light: LightArguments,
     /// Bake roughly, within seconds; the error is not aimed for.
-    #[arg(long, conflicts_with_all = ["progressive", "checkpoint", "resume"])]
+    #[arg(long, conflicts_with_all = ["progressive", "checkpoint", "resume", "groups"])]
     preview: bool,
     /// Show states of the running bake in place of the results: a preview first, then better ones.
     #[arg(long)]
@@ -62,35 +67,10 @@ pub(crate) struct BakeArguments {
     /// [default: auto; off for previews].
     #[arg(long, value_enum)]
     audit: Option<AuditChoice>,
-    /// Lightmap density; 16 unless a resolution is given.
-    #[arg(long, value_name = "X", value_parser = parse_positive)]
-    texels_per_metre: Option<f32>,
-    /// Width and height of every page; alone, it also decides the density.
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=AtlasSettings::LARGEST_PAGE as i64))]
-    resolution: Option<u32>,
-    /// Where lightmap coordinates come from.
-    #[arg(long, value_enum, default_value_t)]
-    uv: UvChoice,
-    /// What makes the charts.
-    #[arg(long, value_enum, default_value_t)]
-    unwrapper: UnwrapperChoice,
-    /// Empty texels between charts.
-    #[arg(long, value_name = "N")]
-    padding: Option<u32>,
-    /// Keep light groups apart: pages of each beside the whole, and what relighting needs.
-    #[arg(long, conflicts_with = "preview")]
-    groups: bool,
-    /// What a texel means.
-    #[arg(long, value_enum, default_value_t)]
-    quantity: QuantityChoice,
-    /// Write 32-bit floats instead of 16-bit ones.
-    #[arg(long)]
-    float: bool,
     #[command(flatten)]
-    source: SourceArguments,
-    /// Threads to use [default: one per processor].
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
-    pub(crate) threads: Option<u16>,
+    form: FormArguments,
+    #[command(flatten)]
+    threads: ThreadArguments,
     /// Replace results that exist.
     #[arg(long)]
     force: bool,
@@ -116,9 +96,76 @@ pub(crate) struct RelightArguments {
     /// Scene to bake again, if it is no longer where it was.
     #[arg(long, value_name = "SCENE")]
     scene: Option<PathBuf>,
-    /// Threads to use [default: one per processor].
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
-    threads: Option<u16>,
+    #[command(flatten)]
+    threads: ThreadArguments,
+    /// Replace results that exist.
+    #[arg(long)]
+    force: bool,
+    #[command(flatten)]
+    speech: SpeechArguments,
+}
+
+/// `lightkiln solve`.
+#[derive(Debug, Args)]
+pub(crate) struct SolveArguments {
+    /// Scene, .glb or .gltf.
+    pub(crate) scene: PathBuf,
+    /// Folder for the solution and its tiles.
+    #[arg(long, value_name = "DIR")]
+    out: PathBuf,
+    #[command(flatten)]
+    light: LightArguments,
+    #[command(flatten)]
+    threads: ThreadArguments,
+    /// Replace another solution, and remove its tiles.
+    #[arg(long)]
+    force: bool,
+    #[command(flatten)]
+    speech: SpeechArguments,
+}
+
+/// `lightkiln gather`.
+#[derive(Debug, Args)]
+pub(crate) struct GatherArguments {
+    /// Folder of the solution.
+    folder: PathBuf,
+    /// Tiles to gather, as 0-15, 3 or 0-3,8; those that are there already are left out [default: all].
+    #[arg(long, value_name = "A-B")]
+    tiles: Option<TileSet>,
+    /// File for the tiles [default: one in the folder of the solution].
+    #[arg(long, value_name = "FILE")]
+    out: Option<PathBuf>,
+    /// Scene, if it is not where it was solved.
+    #[arg(long, value_name = "SCENE")]
+    scene: Option<PathBuf>,
+    /// Keep unfinished tiles at most every so many seconds.
+    #[arg(long, value_name = "SECONDS", value_parser = parse_seconds)]
+    checkpoint: Option<Duration>,
+    #[command(flatten)]
+    threads: ThreadArguments,
+    #[command(flatten)]
+    speech: SpeechArguments,
+}
+
+/// `lightkiln merge`.
+#[derive(Debug, Args)]
+pub(crate) struct MergeArguments {
+    /// Folders of the solution and its tiles, and files of tiles.
+    #[arg(required = true, value_name = "DIR|FILE")]
+    parts: Vec<PathBuf>,
+    /// Folder for the results [default: lightmaps/<name of the scene>].
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    /// Scene, if it is not where it was solved.
+    #[arg(long, value_name = "SCENE")]
+    scene: Option<PathBuf>,
+    /// How much to spend on finding out whether the error was met.
+    #[arg(long, value_enum, default_value_t = AuditChoice::Auto)]
+    audit: AuditChoice,
+    #[command(flatten)]
+    form: FormArguments,
+    #[command(flatten)]
+    threads: ThreadArguments,
     /// Replace results that exist.
     #[arg(long)]
     force: bool,
@@ -129,86 +176,12 @@ pub(crate) struct RelightArguments {
 /// `lightkiln info`.
 #[derive(Debug, Args)]
 pub(crate) struct InfoArguments {
-    /// Scene, .glb or .gltf.
+    /// Scene, .glb or .gltf, or the folder of a solution.
     pub(crate) scene: PathBuf,
     #[command(flatten)]
     pub(crate) source: SourceArguments,
     #[command(flatten)]
     pub(crate) speech: SpeechArguments,
-}
-
-/// How the scene file is read.
-#[derive(Debug, Args)]
-pub(crate) struct SourceArguments {
-    /// Units of lights and emission [default: photometric, as in glTF; radiometric in files with LIGHTKILN_scene].
-    #[arg(long, value_enum, value_name = "UNITS")]
-    light_units: Option<LightUnitsChoice>,
-    /// Scene of the file, by name or number [default: the file's own choice].
-    #[arg(long = "scene", id = "scene-choice", value_name = "NAME|N")]
-    scene_choice: Option<String>,
-}
-
-/// What is shown.
-#[derive(Clone, Copy, Debug, Args)]
-pub(crate) struct SpeechArguments {
-    /// Print one JSON object per line on the standard output.
-    #[arg(long)]
-    pub(crate) json: bool,
-    /// Show errors only.
-    #[arg(short, long)]
-    pub(crate) quiet: bool,
-    /// Show what the stages do.
-    #[arg(short, long, conflicts_with = "quiet")]
-    pub(crate) verbose: bool,
-}
-
-#[derive(Clone, Copy, Debug, ValueEnum)]
-enum AuditChoice {
-    /// About a tenth of the bake's time.
-    Auto,
-    /// About as long as the bake.
-    Thorough,
-    /// Nothing: the error stays unknown.
-    Off,
-}
-
-#[derive(Clone, Copy, Debug, Default, ValueEnum)]
-enum UvChoice {
-    /// Unwrap and pack.
-    #[default]
-    Auto,
-    /// Use TEXCOORD_1 as it stands, on one page.
-    Keep,
-    /// Pack the islands of TEXCOORD_1 anew.
-    Pack,
-}
-
-#[derive(Clone, Copy, Debug, Default, ValueEnum)]
-enum UnwrapperChoice {
-    /// Few charts with little distortion.
-    #[default]
-    Xatlas,
-    /// Many times faster.
-    Fast,
-}
-
-#[derive(Clone, Copy, Debug, Default, ValueEnum)]
-enum QuantityChoice {
-    /// E, W/m²: three.js.
-    #[default]
-    Irradiance,
-    /// E/π, W/(m²·sr): Bevy.
-    Radiance,
-    /// Reflectance times E, W/m²: Babylon.js.
-    Radiosity,
-}
-
-#[derive(Clone, Copy, Debug, ValueEnum)]
-enum LightUnitsChoice {
-    /// Candela, lux and nits.
-    Photometric,
-    /// Watts.
-    Radiometric,
 }
 
 impl Command {
@@ -218,15 +191,21 @@ impl Command {
             Command::Bake(bake) => bake.speech,
             Command::Relight(relight) => relight.speech,
             Command::Info(info) => info.speech,
+            Command::Solve(solve) => solve.speech,
+            Command::Gather(gather) => gather.speech,
+            Command::Merge(merge) => merge.speech,
         }
     }
 
     /// Threads that were asked for.
     pub(crate) fn threads(&self) -> Option<usize> {
         match self {
-            Command::Bake(bake) => bake.threads.map(usize::from),
-            Command::Relight(relight) => relight.threads.map(usize::from),
+            Command::Bake(bake) => bake.threads.count(),
+            Command::Relight(relight) => relight.threads.count(),
             Command::Info(_) => None,
+            Command::Solve(solve) => solve.threads.count(),
+            Command::Gather(gather) => gather.threads.count(),
+            Command::Merge(merge) => merge.threads.count(),
         }
     }
 }
@@ -234,47 +213,62 @@ impl Command {
 impl BakeArguments {
     /// What the options mean.
     pub(crate) fn settings(&self) -> Settings {
-        let defaults = Settings::default();
+        let settings = self.light.apply(Settings::default());
         Settings {
-            import: self.source.settings(),
-            atlas: AtlasSettings {
-                uv: match self.uv {
-                    UvChoice::Auto => UvMode::Auto,
-                    UvChoice::Keep => UvMode::Keep,
-                    UvChoice::Pack => UvMode::Pack,
-                },
-                unwrapper: match self.unwrapper {
-                    UnwrapperChoice::Xatlas => Unwrapper::Xatlas,
-                    UnwrapperChoice::Fast => Unwrapper::Fast,
-                },
-                texels_per_metre: self.texels_per_metre,
-                resolution: self.resolution,
-                padding: self.padding.unwrap_or(defaults.atlas.padding),
-                ..defaults.atlas
-            },
             output: OutputSettings {
-                folder: self.out.clone().unwrap_or_else(|| default_folder(&self.scene)),
+                folder: self.out.clone().unwrap_or_else(|| OutputSettings::default_folder(&self.scene)),
                 force: self.force,
-                groups: self.groups,
-                quantity: match self.quantity {
-                    QuantityChoice::Irradiance => Quantity::Irradiance,
-                    QuantityChoice::Radiance => Quantity::Radiance,
-                    QuantityChoice::Radiosity => Quantity::Radiosity,
-                },
-                precision: if self.float { Precision::Float } else { Precision::Half },
+                quantity: self.form.quantity(),
+                precision: self.form.precision(),
+                ..settings.output
             },
-            error: self.error,
             preview: self.preview,
             progressive: self.progressive,
             checkpoint: self.checkpoint.or(self.resume.then_some(CHECKPOINT)),
             resume: self.resume,
             audit: match self.audit {
                 None if self.preview => Effort::Off,
-                None | Some(AuditChoice::Auto) => Effort::Auto,
-                Some(AuditChoice::Thorough) => Effort::Thorough,
-                Some(AuditChoice::Off) => Effort::Off,
+                None => Effort::Auto,
+                Some(choice) => choice.effort(),
             },
-            ..defaults
+            ..settings
+        }
+    }
+}
+
+impl SolveArguments {
+    /// What the options mean.
+    pub(crate) fn settings(&self) -> Settings {
+        let settings = self.light.apply(Settings::default());
+        let output = OutputSettings { folder: self.out.clone(), force: self.force, ..settings.output };
+        Settings { output, ..settings }
+    }
+}
+
+impl GatherArguments {
+    /// What the options mean.
+    pub(crate) fn settings(&self) -> GatherSettings {
+        GatherSettings {
+            folder: self.folder.clone(),
+            tiles: self.tiles.clone(),
+            out: self.out.clone(),
+            scene: self.scene.clone(),
+            keep_every: self.checkpoint,
+        }
+    }
+}
+
+impl MergeArguments {
+    /// What the options mean.
+    pub(crate) fn settings(&self) -> MergeSettings {
+        MergeSettings {
+            parts: self.parts.clone(),
+            out: self.out.clone(),
+            scene: self.scene.clone(),
+            quantity: self.form.quantity(),
+            precision: self.form.precision(),
+            audit: self.audit.effort(),
+            force: self.force,
         }
     }
 }
@@ -293,83 +287,27 @@ impl RelightArguments {
     }
 }
 
-impl SourceArguments {
-    /// What the options mean.
-    pub(crate) fn settings(&self) -> ImportSettings {
-        ImportSettings {
-            light_units: self.light_units.map(|units| match units {
-                LightUnitsChoice::Photometric => LightUnits::Photometric,
-                LightUnitsChoice::Radiometric => LightUnits::Radiometric,
-            }),
-            scene: self.scene_choice.clone(),
-        }
-    }
-}
-
-/// `lightmaps/<stem>` in the current folder.
-fn default_folder(scene: &Path) -> PathBuf {
-    Path::new("lightmaps").join(scene.file_stem().unwrap_or(scene.as_os_str()))
-}
-
-/// `2%` or `0.02`, within [`ERROR_RANGE`].
-fn parse_error(text: &str) -> Result<f32, String> {
-    let number = |t: &str| t.trim().parse::<f32>().map_err(|_| format!("`{text}` is neither like 2% nor like 0.02"));
-    let error = match text.trim().strip_suffix('%') {
-        Some(percent) => number(percent)? / 100.0,
-        None => number(text)?,
-    };
-    // Half a unit of the last digit of 0.1 % must not decide.
-    let tolerance = 1e-6;
-    if error < ERROR_RANGE.start() - tolerance {
-        let least = ERROR_RANGE.start() * 100.0;
-        return Err(format!("no lightmap is that exact: half floats alone are 0.03% off; ask for {least}% or more"));
-    }
-    if !(error >= ERROR_RANGE.start() - tolerance && error <= ERROR_RANGE.end() + tolerance) {
-        return Err(format!("must lie between {}% and {}%", ERROR_RANGE.start() * 100.0, ERROR_RANGE.end() * 100.0));
-    }
-    Ok(error.clamp(*ERROR_RANGE.start(), *ERROR_RANGE.end()))
-}
-
-/// Seconds, or fractions of one.
-fn parse_seconds(text: &str) -> Result<Duration, String> {
-    let seconds = text.parse::<f64>().ok().and_then(|s| Duration::try_from_secs_f64(s).ok());
-    seconds.ok_or_else(|| "must be a number of seconds".into())
-}
-
-fn parse_positive(text: &str) -> Result<f32, String> {
-    match text.parse::<f32>() {
-        Ok(x) if x > 0.0 && x.is_finite() => Ok(x),
-        _ => Err("must be a positive number".into()),
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use clap::CommandFactory;
+    use lightkiln::atlas::UvMode;
+    use lightkiln::config::LightPart;
+    use lightkiln::output::Precision;
+    use lightkiln::units::Quantity;
+    use std::path::Path;
 
     fn settings(options: &[&str]) -> Settings {
         let typed = ["lightkiln", "bake", "rooms/hall.glb"].iter().chain(options);
         match Arguments::try_parse_from(typed).expect("valid options").command {
             Command::Bake(bake) => bake.settings(),
-            Command::Relight(_) | Command::Info(_) => panic!("bake was typed"),
+            _ => panic!("bake was typed"),
         }
     }
 
     #[test]
     fn the_definition_is_consistent() {
         Arguments::command().debug_assert();
-    }
-
-    #[test]
-    fn errors_are_percentages_or_fractions() {
-        assert_eq!(parse_error("2%"), Ok(0.02));
-        assert_eq!(parse_error("0.02"), Ok(0.02));
-        assert_eq!(parse_error("0.1 %"), Ok(0.001));
-        assert_eq!(parse_error("50%"), Ok(0.5));
-        for wrong in ["2", "0", "-1%", "51%", "0.05%", "NaN", "inf", "", "%", "two"] {
-            assert!(parse_error(wrong).is_err(), "{wrong}");
-        }
     }
 
     #[test]
@@ -387,6 +325,8 @@ mod tests {
         assert_eq!(s.output.precision, Precision::Float);
         assert_eq!(s.import.scene.as_deref(), Some("2"));
         assert_eq!(s.audit, Effort::Auto);
+        assert_eq!(s.light, LightPart::Combined);
+        assert_eq!(settings(&["--light", "indirect"]).light, LightPart::Indirect);
         assert_eq!(settings(&["--audit", "off"]).audit, Effort::Off);
         assert_eq!(settings(&["--audit", "thorough"]).audit, Effort::Thorough);
     }

@@ -5,8 +5,9 @@ use super::console::Console;
 use super::failure::Failure;
 use super::watch::Watch;
 use lightkiln::audit::{Audit, Verdict};
-use lightkiln::bake::bake;
+use lightkiln::bake::{Report, bake};
 use serde_json::json;
+use std::path::Path;
 use std::sync::atomic::AtomicBool;
 
 /// Bakes and says what came out.
@@ -15,7 +16,12 @@ pub(crate) fn run(options: &BakeArguments, console: Console, cancelled: &'static
     let watch = Watch::new(console, cancelled);
     let report = bake(&options.scene, &settings, &watch)?;
     drop(watch);
+    tell(&settings.output.folder, &report, console);
+    Ok(())
+}
 
+/// Says what a bake came to whose results are in `folder`.
+pub(super) fn tell(folder: &Path, report: &Report, console: Console) {
     if let Some(audit) = &report.audit {
         console.event(&json!({
             "event": "audit",
@@ -33,8 +39,7 @@ pub(crate) fn run(options: &BakeArguments, console: Console, cancelled: &'static
             }
         }
     }
-    let folder = settings.output.folder;
-    console.result(&folder, &report);
+    console.result(folder, report);
     if console.is_watched() {
         console.say(&format!(
             "{} texels on {} in {:.1} s: {}",
@@ -44,7 +49,6 @@ pub(crate) fn run(options: &BakeArguments, console: Console, cancelled: &'static
             folder.display()
         ));
     }
-    Ok(())
 }
 
 /// One line about the error: figure, interval, target, and where it was missed.

@@ -1,6 +1,6 @@
 //! What the user sees: text on the standard error, JSON lines on the standard output.
 
-use super::args::SpeechArguments;
+use super::options::SpeechArguments;
 use lightkiln::output::Report;
 use lightkiln::warning::Warning;
 use serde_json::{Value, json};

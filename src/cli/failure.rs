@@ -51,6 +51,7 @@ impl From<BakeError> for Failure {
         let status = match &error {
             BakeError::Cancelled(_) => Status::Interrupted,
             BakeError::Output(e) if e.is_environment() => Status::Environment,
+            BakeError::Part(e) if e.is_environment() => Status::Environment,
             _ => Status::Failed,
         };
         Self { status, code: error.code(), error: error.into() }

@@ -1,8 +1,9 @@
-//! `lightkiln info`: what a scene holds, as the baker sees it.
+//! `lightkiln info`: what a scene holds, as the baker sees it, or what a folder holds of a solution.
 
 use super::args::InfoArguments;
 use super::console::{Console, print_line};
 use super::failure::Failure;
+use super::tiles;
 use super::watch::Watch;
 use lightkiln::import::{self, Imported};
 use lightkiln::scene::{Environment, Light, LightShape, Rgb, Scene};
@@ -14,6 +15,9 @@ use std::sync::atomic::AtomicBool;
 
 /// Reads the scene and prints what it holds, as text or as one `info` line of JSON.
 pub(crate) fn run(options: &InfoArguments, console: Console, cancelled: &'static AtomicBool) -> Result<(), Failure> {
+    if options.scene.is_dir() {
+        return tiles::show(&options.scene, console);
+    }
     let watch = Watch::new(console, cancelled);
     let Imported { scene, warnings, .. } = import::load(&options.scene, &options.source.settings(), &watch)?;
     drop(watch);

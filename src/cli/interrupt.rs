@@ -40,9 +40,9 @@ pub(crate) fn remember_state(reached: &str, predicted_error: f64) {
     left().state = Some(format!("the results are those of the state `{reached}`, about {percent:.1} % off"));
 }
 
-/// The bake can go on from a checkpoint.
-pub(crate) fn remember_checkpoint(checkpoint: &Path) {
-    left().checkpoint = Some(format!("--resume goes on from `{}`", checkpoint.display()));
+/// The work can go on from a checkpoint, by `how`.
+pub(crate) fn remember_checkpoint(checkpoint: &Path, how: &str) {
+    left().checkpoint = Some(format!("{how} goes on from `{}`", checkpoint.display()));
 }
 
 /// Tells the user, once, whether the stages ended by themselves or were left.

@@ -6,7 +6,9 @@ pub(crate) mod console;
 pub(crate) mod failure;
 pub(crate) mod info;
 pub(crate) mod interrupt;
+mod options;
 pub(crate) mod relight;
+pub(crate) mod tiles;
 mod watch;
 
 use failure::Failure;

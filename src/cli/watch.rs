@@ -42,6 +42,8 @@ pub(crate) struct Watch {
     /// Milliseconds after the start before which nothing more is shown.
     quiet_until: AtomicU64,
     state: Mutex<State>,
+    /// What goes on from a checkpoint.
+    resume: &'static str,
 }
 
 /// What was shown last.
@@ -68,7 +70,15 @@ impl Watch {
                 .expect("the template is well-formed");
             ProgressBar::new(STEPS).with_style(style.progress_chars("=> "))
         });
-        Self { console, cancelled, bar, start: Instant::now(), quiet_until: AtomicU64::new(0), state: Mutex::default() }
+        let (start, quiet_until, resume) = (Instant::now(), AtomicU64::new(0), "--resume");
+        Self { console, cancelled, bar, start, quiet_until, state: Mutex::default(), resume }
+    }
+
+    /// The same for a command that goes on from checkpoints without being asked to.
+    pub(crate) fn resuming(console: Console, cancelled: &'static AtomicBool) -> Self {
+        let mut watch = Self::new(console, cancelled);
+        watch.resume = "the same command";
+        watch
     }
 
     /// True if it is time for another update.
@@ -147,7 +157,7 @@ impl Progress for Watch {
 
     fn kept(&self, checkpoint: &Path) {
         self.console.event(&json!({ "event": "checkpoint", "file": checkpoint.display().to_string() }));
-        interrupt::remember_checkpoint(checkpoint);
+        interrupt::remember_checkpoint(checkpoint, self.resume);
     }
 
     fn is_cancelled(&self) -> bool {

@@ -8,8 +8,10 @@
 
 mod blend;
 mod draft;
+mod tiles;
 
 pub use draft::Gathering;
+pub use tiles::Tiles;
 
 use super::footprint::Footprint;
 use super::probe::{Probe, ProbeSettings};
@@ -211,11 +213,6 @@ impl State<'_> {
     /// The largest cells of a chart, evenly spaced between its first and last texels.
     fn lattice(&self, chart: usize) -> Vec<Cell> {
         let c = &self.atlas.charts[chart];
-        let lines = |range: &std::ops::Range<u32>| -> Vec<u32> {
-            let last = range.end.saturating_sub(range.start).saturating_sub(1);
-            let n = last.div_ceil(SPACING).max(1);
-            (0..=n).map(|i| range.start + (2 * i * last + n) / (2 * n)).collect()
-        };
         if self.texels.charts[chart].is_empty() {
             return Vec::new();
         }
@@ -471,6 +468,13 @@ impl State<'_> {
                 && at.distance(t.position[i]) <= slack.max(size * 0.25)
         })
     }
+}
+
+/// Columns or rows at which the largest cells of a chart end.
+fn lines(range: &std::ops::Range<u32>) -> Vec<u32> {
+    let last = range.end.saturating_sub(range.start).saturating_sub(1);
+    let n = last.div_ceil(SPACING).max(1);
+    (0..=n).map(|i| range.start + (2 * i * last + n) / (2 * n)).collect()
 }
 
 /// Cuts a cell at its middle lines.

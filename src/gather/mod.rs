@@ -26,7 +26,7 @@ mod tally;
 mod visibility;
 
 pub use bounce::{Bounce, NOTHING, bounce};
-pub use cells::{CellSettings, Gathering, Indirect, Start as GatherStart, indirect};
+pub use cells::{CellSettings, Gathering, Indirect, Start as GatherStart, Tiles, indirect};
 pub use direct::{Direct, DirectSettings, closer_direct, element_direct, element_sky, texel_direct};
 pub use emitters::{Emission, classify};
 pub use footprint::Footprint;

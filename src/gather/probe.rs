@@ -53,7 +53,7 @@ impl ProbeSettings {
 }
 
 /// Irradiance at a texel, with what is needed to judge how far it reaches.
-#[derive(Clone, Debug, Default, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Probe {
     /// W/m².
     pub irradiance: Rgb,

@@ -1,18 +1,15 @@
 //! Checkpoints: what an interrupted bake had found, in one file that is replaced whole.
 //!
-//! A line of JSON says what it belongs to; the content follows in the postcard format, and at the end stand its length
-//! and the CRC-32 of all before, little-endian. A checkpoint of another scene, version or setting is refused, and so is
-//! one of which a bit is wrong: what it holds would end up in a lightmap unseen.
+//! A checkpoint of another scene, version or setting is refused, and so is a damaged one.
 
-use super::files::{self, OutputError};
-use crc32fast::Hasher;
+use super::files::OutputError;
+use super::sealed::{self, Unsound};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use std::collections::BTreeMap;
-use std::fs;
-use std::io::{self, ErrorKind, Write};
 use std::path::{Path, PathBuf};
+use std::{fs, io};
 use thiserror::Error;
 
 /// Name of a checkpoint in the folder of the results.
@@ -21,8 +18,6 @@ const NAME: &str = "checkpoint.lk";
 const MAGIC: &str = "lightkiln checkpoint ";
 /// Version of the content.
 const FORMAT: u32 = 2;
-/// Bytes of the length and the checksum at the end.
-const TRAILER: usize = 12;
 
 /// Why a checkpoint is not used.
 #[derive(Debug, Error)]
@@ -81,24 +76,64 @@ impl Key {
         Self { format: FORMAT, version: env!("CARGO_PKG_VERSION").into(), scene: scene_hash.into(), settings }
     }
 
-    /// Fails with the first thing in which `found` differs.
-    fn check(&self, found: &Self, path: &Path) -> Result<(), CheckpointError> {
-        let path = || path.to_path_buf();
+    /// The first thing in which `found` differs.
+    pub(super) fn difference(&self, found: &Self) -> Option<Difference> {
         if (self.format, &self.version) != (found.format, &found.version) {
-            let found = format!("{}, format {}", found.version, found.format);
-            return Err(CheckpointError::Version { path: path(), found });
+            return Some(Difference::Version(found.origin()));
         }
         if self.scene != found.scene {
-            return Err(CheckpointError::Scene(path()));
+            return Some(Difference::Scene);
         }
         for name in self.settings.keys().chain(found.settings.keys()) {
             let of = |key: &Self| key.settings.get(name).cloned().unwrap_or(Value::Null);
             if of(self) != of(found) {
                 let (found, wanted) = (of(found).to_string(), of(self).to_string());
-                return Err(CheckpointError::Setting { path: path(), name: name.clone(), found, wanted });
+                return Some(Difference::Setting { name: name.clone(), found, wanted });
             }
         }
-        Ok(())
+        None
+    }
+
+    /// Version and format of the baker that it is of.
+    pub fn origin(&self) -> String {
+        format!("{}, format {}", self.version, self.format)
+    }
+
+    /// True if this baker has written it.
+    pub fn is_own_version(&self) -> bool {
+        (self.format, self.version.as_str()) == (FORMAT, env!("CARGO_PKG_VERSION"))
+    }
+
+    /// Hash of the scene.
+    pub fn scene(&self) -> &str {
+        &self.scene
+    }
+
+    /// Settings that the light depends on, by the names of their options.
+    pub fn settings(&self) -> &BTreeMap<String, Value> {
+        &self.settings
+    }
+}
+
+/// In what two keys differ.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) enum Difference {
+    /// It is of this version.
+    Version(String),
+    /// The scene.
+    Scene,
+    /// A setting, with its values as JSON.
+    Setting { name: String, found: String, wanted: String },
+}
+
+impl CheckpointError {
+    fn foreign(path: &Path, difference: Difference) -> Self {
+        let path = path.to_path_buf();
+        match difference {
+            Difference::Version(found) => Self::Version { path, found },
+            Difference::Scene => Self::Scene(path),
+            Difference::Setting { name, found, wanted } => Self::Setting { path, name, found, wanted },
+        }
     }
 }
 
@@ -119,58 +154,20 @@ pub fn remove(folder: &Path) {
 
 /// Writes a checkpoint in place of an earlier one. The folder exists.
 pub fn write(folder: &Path, key: &Key, content: &impl Serialize) -> Result<(), OutputError> {
-    files::replace(&path(folder), |sink| {
-        let mut sum = Summed { sink, hasher: Hasher::new(), length: 0 };
-        writeln!(sum, "{MAGIC}{}", serde_json::to_string(key)?)?;
-        postcard::to_io(content, &mut sum).map_err(|_| sum_error())?;
-        let (length, crc) = (sum.length, sum.hasher.finalize());
-        sink.write_all(&length.to_le_bytes())?;
-        sink.write_all(&crc.to_le_bytes())
-    })
+    sealed::write(&path(folder), MAGIC, key, content)
 }
 
 /// Reads the checkpoint of a folder, none if there is none.
 pub fn read<T: DeserializeOwned>(folder: &Path, key: &Key) -> Result<Option<T>, CheckpointError> {
     let path = path(folder);
-    let bytes = match fs::read(&path) {
-        Ok(bytes) => bytes,
-        Err(e) if e.kind() == ErrorKind::NotFound => return Ok(None),
-        Err(source) => return Err(CheckpointError::Read { path, source }),
+    let unsound = |fault| match fault {
+        Unsound::Read(source) => CheckpointError::Read { path: path.clone(), source },
+        Unsound::Damaged => CheckpointError::Damaged(path.clone()),
     };
-    let damaged = || CheckpointError::Damaged(path.clone());
-    let (body, trailer) = bytes.len().checked_sub(TRAILER).map(|n| bytes.split_at(n)).ok_or_else(damaged)?;
-    let (length, crc) = trailer.split_at(8);
-    if length != (body.len() as u64).to_le_bytes() || crc != crc32fast::hash(body).to_le_bytes() {
-        return Err(damaged());
-    }
-    let end = body.iter().position(|&b| b == b'\n').ok_or_else(damaged)?;
-    let line = body[..end].strip_prefix(MAGIC.as_bytes()).ok_or_else(damaged)?;
-    key.check(&serde_json::from_slice(line).map_err(|_| damaged())?, &path)?;
-    postcard::from_bytes(&body[end + 1..]).map(Some).map_err(|_| damaged())
-}
-
-/// What a failed write of the content comes to: postcard keeps what the system said to itself.
-fn sum_error() -> io::Error {
-    io::Error::other("the disk takes no more")
-}
-
-/// Counts and sums what goes to a file.
-struct Summed<'a, W: Write + ?Sized> {
-    sink: &'a mut W,
-    hasher: Hasher,
-    length: u64,
-}
-
-impl<W: Write + ?Sized> Write for Summed<'_, W> {
-    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        let written = self.sink.write(bytes)?;
-        self.hasher.update(&bytes[..written]);
-        self.length += written as u64;
-        Ok(written)
-    }
-
-    fn flush(&mut self) -> io::Result<()> {
-        self.sink.flush()
+    let Some(file) = sealed::read(&path, MAGIC).map_err(unsound)? else { return Ok(None) };
+    match key.difference(&file.head().map_err(unsound)?) {
+        Some(difference) => Err(CheckpointError::foreign(&path, difference)),
+        None => file.content().map(Some).map_err(unsound),
     }
 }
 

@@ -8,7 +8,8 @@
 use std::fs::{self, File};
 use std::io::{self, BufReader, BufWriter, ErrorKind, Read, Seek, Write};
 use std::path::{Path, PathBuf};
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::{LazyLock, Mutex, MutexGuard, PoisonError};
+use std::time::{SystemTime, UNIX_EPOCH};
 use thiserror::Error;
 
 /// Why results could not be written.
@@ -153,7 +154,7 @@ impl OutputSet {
 
     /// Removes what a bake that was killed has left half written. Only where no other bake can be at work.
     pub fn sweep(&self) {
-        let own = format!(".partial-{}", std::process::id());
+        let own = partial();
         let is_left = |name: &str| name.starts_with('.') && name.contains(".partial-") && !name.ends_with(&own);
         let entries = fs::read_dir(&self.folder).into_iter().flatten().flatten();
         entries.filter(|e| e.file_name().to_str().is_some_and(is_left)).for_each(|e| remove(&e.path()));
@@ -288,7 +289,7 @@ impl OutputSet {
 
     /// Fails if the folder takes no new file.
     fn probe(&self) -> Result<(), OutputError> {
-        let path = self.folder.join(format!(".lightkiln.partial-{}", std::process::id()));
+        let path = self.folder.join(format!(".lightkiln{}", partial()));
         let created = create(&path).map_err(|e| {
             if lacks_space(&e) {
                 OutputError::writing(&path, e)
@@ -343,7 +344,15 @@ pub(super) fn replace(target: &Path, content: impl FnOnce(&mut dyn Sink) -> io::
 /// The name of a file beside `target` that is to become it.
 fn temporary(target: &Path) -> PathBuf {
     let name = target.file_name().unwrap_or_default().to_string_lossy();
-    target.with_file_name(format!(".{name}.partial-{}", std::process::id()))
+    target.with_file_name(format!(".{name}{}", partial()))
+}
+
+/// How temporary names of this process end. Processes on other machines may have the same number, and write to the same
+/// folder.
+fn partial() -> String {
+    static START: LazyLock<u128> =
+        LazyLock::new(|| SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default().as_nanos());
+    format!(".partial-{}-{:x}", std::process::id(), *START)
 }
 
 /// Writes a file that is not a result yet, and waits until it is on the disk.

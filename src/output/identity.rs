@@ -15,11 +15,11 @@ pub fn scene_hash(document: &Document) -> String {
         // A missing file is a fact about the scene as well.
         hash.part(&fs::read(&file.path).unwrap_or_default());
     }
-    format!("{:032x}", hash.0)
+    hash.hex()
 }
 
 /// FNV-1a with 128 bits (Fowler, Noll, Vo; draft-eastlake-fnv).
-struct Fnv(u128);
+pub(super) struct Fnv(u128);
 
 impl Default for Fnv {
     fn default() -> Self {
@@ -30,14 +30,20 @@ impl Default for Fnv {
 impl Fnv {
     const PRIME: u128 = (1 << 88) + (1 << 8) + 0x3b;
 
-    fn update(&mut self, bytes: &[u8]) {
+    /// Adds bytes.
+    pub(super) fn update(&mut self, bytes: &[u8]) {
         for &b in bytes {
             self.0 = (self.0 ^ u128::from(b)).wrapping_mul(Self::PRIME);
         }
     }
 
+    /// What it comes to, as 32 hexadecimal digits.
+    pub(super) fn hex(&self) -> String {
+        format!("{:032x}", self.0)
+    }
+
     /// A run of bytes and its length, so that bytes cannot move from one part to the next unnoticed.
-    fn part(&mut self, bytes: &[u8]) {
+    pub(super) fn part(&mut self, bytes: &[u8]) {
         self.update(&(bytes.len() as u64).to_le_bytes());
         self.update(bytes);
     }

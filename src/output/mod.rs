@@ -7,17 +7,23 @@ pub mod glb;
 mod heat;
 pub mod html;
 pub mod identity;
+mod part_error;
 pub mod process;
 pub mod report;
+mod sealed;
+pub mod solved;
 mod thumbnail;
+mod tile_set;
 
 pub use checkpoint::CheckpointError;
 pub use files::{OutputError, OutputSet, open_result, read_result};
+pub use part_error::PartError;
 pub use report::Report;
+pub use tile_set::TileSet;
 
 use crate::units::Quantity;
 use serde::{Deserialize, Serialize};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Bits per channel of the EXR pages.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -81,4 +87,11 @@ pub struct OutputSettings {
     pub groups: bool,
     /// How it is stored.
     pub precision: Precision,
+}
+
+impl OutputSettings {
+    /// Where the results of a scene go if nothing is said: `lightmaps/<stem>` in the current folder.
+    pub fn default_folder(scene: &Path) -> PathBuf {
+        Path::new("lightmaps").join(scene.file_stem().unwrap_or(scene.as_os_str()))
+    }
 }

@@ -30,9 +30,22 @@ impl LightGroups {
     /// Name of the sky's group.
     pub const ENVIRONMENT: &'static str = "environment";
 
+    /// Number of the lamps' group where they are [kept apart](Self::of_lamps).
+    pub const LAMPS: Group = 0;
+
     /// No groups: all light is one.
     pub fn none(scene: &Scene) -> Self {
         Self::new(scene, |_| 0)
+    }
+
+    /// Two groups: that of all lamps, [`Self::LAMPS`], and one of sky and emissive surfaces.
+    pub fn of_lamps(scene: &Scene) -> Self {
+        let rest = Self::LAMPS + 1;
+        let mut groups = Self::none(scene);
+        groups.names = vec!["lamps".into(), "rest".into()];
+        groups.emitters.iter_mut().flatten().for_each(|group| *group = rest);
+        groups.environment = rest;
+        groups
     }
 
     /// Groups as the scene names them. Lamps without a group are called by their own name, emissive surfaces without one
@@ -151,6 +164,8 @@ mod tests {
         assert_eq!(groups.names(), ["environment", "ceiling", "b"]);
         assert_eq!([0, 1, 2].map(|i| groups.of_light(i)), [1, 2, 1]);
         assert!(LightGroups::none(&scene).is_empty());
+        let apart = LightGroups::of_lamps(&scene);
+        assert_eq!((apart.of_light(2), apart.of_environment()), (LightGroups::LAMPS, 1));
     }
 
     #[test]

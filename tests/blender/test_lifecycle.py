@@ -177,7 +177,8 @@ def test_the_baker_ends_when_its_parent_dies(tmp_path: Path) -> None:
 
 def test_registering_a_hundred_times_leaks_nothing() -> None:
     def counts() -> tuple[int, int, int]:
-        handlers = len(bpy.app.handlers.load_pre)
+        lists = ("load_pre", "depsgraph_update_post", "undo_post", "redo_post")
+        handlers = sum(len(getattr(bpy.app.handlers, name)) for name in lists)
         return handlers, len(bpy.types.Panel.__subclasses__()), len(bpy.types.Scene.bl_rna.properties)
 
     before = counts()
@@ -248,13 +249,13 @@ def test_linked_duplicates_keep_their_mesh() -> None:
     assert state_of_file() == before
 
 
-def test_a_preview_is_shown_first_and_kept_when_cancelled() -> None:
+def test_states_are_shown_and_the_first_lightmap_is_kept_when_cancelled() -> None:
     floor, _ = room()
     settings = bpy.context.scene.lightkiln
     settings.density, settings.error = 32, 0.5
-    running = session.start(bpy.context.scene, bpy.context.view_layer, preview=True)
+    running = session.start(bpy.context.scene, bpy.context.view_layer, progressive=True)
     for _ in running.steps:
-        if running.bake.shows_preview:
+        if running.bake.shown:
             break
     assert settings.view == "LIT"
     coarse = pixels(settings.image).mean()

@@ -13,9 +13,9 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
+from batches import batch, states
 from lightkiln_pipeline.glb.reader import GlbReader
 from stages import bilinear, read_rgb
-from test_batch import batch, states
 
 ROOT = Path(__file__).resolve().parents[2]
 PYTHON = Path(os.environ.get("LIGHTKILN_BPY_PYTHON", ROOT / ".deps" / "bpy-5.0.1" / "bin" / "python"))

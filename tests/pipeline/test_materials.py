@@ -211,7 +211,10 @@ FAULTS: dict[str, tuple[str, str]] = {
         material(DIFFUSE, texture("gone.png", "float4 inputs:fallback = (.9, 0, 0, 1)")),
         "gone.png",
     ),
-    "UDIM tiles": (material(DIFFUSE, texture("t.<UDIM>.png")), "UDIM"),
+    "put the file there": (
+        material(DIFFUSE, texture("t.<UDIM>.png", "float4 inputs:fallback = (.9, 0, 0, 1)")),
+        "t.<UDIM>.png",
+    ),
     "is not read; the display colour is baked": (
         material("").replace("UsdPreviewSurface", "MyRendererSurface"),
         "MyRendererSurface",
@@ -226,6 +229,52 @@ def test_what_cannot_be_read_is_named(tmp_path: Path, message: str) -> None:
     assert any(message in n.message and name in str(n) for n in done.notes), done.notes
     if "fallback = " in body:
         assert glb.items("materials")[0]["pbrMetallicRoughness"]["baseColorFactor"][:3] == pytest.approx([0.9, 0, 0])
+
+
+# Colours of the tiles of a set with a gap: (column, row) → stored red.
+SET = {(1, 0): 0.2, (2, 0): 0.4, (2, 1): 0.8}
+
+
+@pytest.mark.parametrize(("transform", "turned"), [
+    ("", False),
+    ("float2 inputs:scale = (2, 1)\n        float2 inputs:translation = (1, 0)", False),
+    ("float inputs:rotation = 90\n        float2 inputs:translation = (3, 0)", True),
+])  # fmt: skip
+def test_tiles_of_a_udim_set_lie_where_their_numbers_say(tmp_path: Path, transform: str, turned: bool) -> None:
+    for (u, v), red in SET.items():
+        # Tiles of different sizes; each has a dark top row.
+        side = 8 if (u, v) == (1, 0) else 4
+        pixels = np.zeros((side, side, 3), np.float32)
+        pixels[side // 4 :, :, 0] = red
+        write_image(tmp_path / f"t.{1001 + u + 10 * v}.png", pixels)
+    nodes = texture("t.<UDIM>.png", "float4 inputs:fallback = (0, 1, 0, 1)", transform)
+    glb, done = converted(tmp_path, material(DIFFUSE, nodes))
+    assert [n.message.partition(":")[0] for n in done.notes] == ["it has no light at all"]
+    info = glb.items("materials")[0]["pbrMetallicRoughness"]["baseColorTexture"]
+    shown = picture(glb, info["index"], tmp_path)
+    assert shown.shape == (16, 16, 3)
+    placing = info["extensions"]["KHR_texture_transform"]
+
+    def seen(st: tuple[float, float]) -> float | str:
+        """What glTF shows at the coordinates that a mesh has in USD: stored red, or that it is green."""
+        u, v = st[0], 1 - st[1]
+        (sx, sy), (ox, oy), angle = placing["scale"], placing["offset"], placing["rotation"]
+        cos, sin = np.cos(angle), np.sin(angle)
+        x, y = cos * sx * u + sin * sy * v + ox, -sin * sx * u + cos * sy * v + oy
+        red, green, _ = shown[int(y * 16), int(x * 16)]
+        return "fallback" if green > 0.9 else round(float(red), 2)
+
+    def source(at: tuple[float, float]) -> tuple[float, float]:
+        """Coordinates of the mesh that the transform takes to those of a tile."""
+        if turned:
+            return at[1], 3 - at[0]
+        return ((at[0] - 1) / 2, at[1]) if transform else at
+
+    for (u, v), red in SET.items():
+        assert seen(source((u + 0.4, v + 0.4))) == pytest.approx(red, abs=0.03)
+        # Made larger, an edge swings a little.
+        assert seen(source((u + 0.4, v + 0.9))) == pytest.approx(0.0, abs=0.07)
+    assert seen(source((1.4, 1.4))) == "fallback"
 
 
 def test_a_broken_picture_is_named(tmp_path: Path) -> None:

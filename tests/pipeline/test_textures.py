@@ -5,18 +5,22 @@ from __future__ import annotations
 import base64
 import json
 import shutil
+import struct
 import subprocess
+import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import OpenImageIO as oiio
 import pytest
 import zstandard
 
 from lightkiln_pipeline.batch.manifest import TextureOptions
-from lightkiln_pipeline.errors import PipelineError
+from lightkiln_pipeline.errors import EnvironmentFault, PipelineError
 from lightkiln_pipeline.textures import encodings
-from lightkiln_pipeline.textures.export import export_textures
+from lightkiln_pipeline.textures.export import check_formats, export_textures
 from lightkiln_pipeline.textures.ktx2 import unpack_b10g11r11
 from stages import read_rgb
 
@@ -97,9 +101,8 @@ def test_unknown_spaces_are_named(page: Path) -> None:
         export_textures(page, options)
 
 
-def test_ktx2_is_read_by_another_implementation(page: Path) -> None:
-    """ktx-parse, which three.js brings, reads the header; the levels unpack to the page and its mean."""
-    (made,) = export_textures(page, TextureOptions(formats=["ktx2"]))
+def parsed(made: Path) -> dict[str, Any]:
+    """What ktx-parse, which three.js brings, reads of a file; its levels unpacked."""
     reader = ROOT / ".deps/npm/node_modules/three/examples/jsm/libs/ktx-parse.module.js"
     if not (shutil.which("node") and reader.is_file()):
         pytest.skip("no Node or no three.js: tests/run.py installs it into .deps/npm")
@@ -110,21 +113,63 @@ def test_ktx2_is_read_by_another_implementation(page: Path) -> None:
         const levels = file.levels.map((l) => [Buffer.from(l.levelData).toString("base64"), l.uncompressedByteLength]);
         const sample = file.dataFormatDescriptor[0].samples.map((s) => [s.bitOffset, s.bitLength, s.channelType]);
         console.log(JSON.stringify({{ format: file.vkFormat, size: [file.pixelWidth, file.pixelHeight], levels, sample,
-            scheme: file.supercompressionScheme, keys: Object.keys(file.keyValue) }}));
+            scheme: file.supercompressionScheme, block: file.dataFormatDescriptor[0].texelBlockDimension,
+            model: file.dataFormatDescriptor[0].colorModel, keys: Object.keys(file.keyValue) }}));
     """
     run = ["node", "--input-type=module", "-e", script, str(made)]
     done = subprocess.run(run, capture_output=True, text=True, timeout=60, check=False)
     assert done.returncode == 0, done.stderr
-    found = json.loads(done.stdout)
+    found: dict[str, Any] = json.loads(done.stdout)
+    levels = [(zstandard.ZstdDecompressor().decompress(base64.b64decode(data)), size) for data, size in found["levels"]]
+    assert all(len(level) == size for level, size in levels)
+    return {**found, "levels": [level for level, _ in levels]}
+
+
+def test_ktx2_is_read_by_another_implementation(page: Path) -> None:
+    """The header is read; the levels unpack to the page and its mean."""
+    (made,) = export_textures(page, TextureOptions(formats=["ktx2"]))
+    found = parsed(made)
     assert (found["format"], found["size"], found["scheme"]) == (122, [100, 60], 2)
     assert [s[0] for s in found["sample"]] == [0, 11, 22]
     assert "KTXorientation" in found["keys"]
-    levels = []
-    for data, size in found["levels"]:
-        words = zstandard.ZstdDecompressor().decompress(base64.b64decode(data))
-        assert len(words) == size
-        levels.append(unpack_b10g11r11(np.frombuffer(words, "<u4")))
+    levels = [unpack_b10g11r11(np.frombuffer(level, "<u4")) for level in found["levels"]]
     assert len(levels) == 7
     wanted = read_rgb(page)
     assert levels[0].reshape(60, 100, 3) == pytest.approx(wanted, rel=0.017)
     assert levels[-1][0] == pytest.approx(wanted.mean(axis=(0, 1)), rel=0.05)
+
+
+def test_bc6h_is_read_by_other_implementations(page: Path, tmp_path: Path) -> None:
+    """The header is read; OpenImageIO decodes the blocks to the page and its mean."""
+    pytest.importorskip("ispc_texcomp")
+    (made,) = export_textures(page, TextureOptions(formats=["bc6h"]))
+    assert made.name == "lightmap_0.bc6h.ktx2"
+    found = parsed(made)
+    assert (found["format"], found["size"], found["scheme"], found["model"]) == (131, [100, 60], 2, 133)
+    assert found["block"][:2] == [3, 3] and found["sample"] == [[0, 127, 0x80]]
+    assert len(found["levels"]) == 7
+    wanted = read_rgb(page)
+    error = np.abs(decoded_bc6h(found["levels"][0], 100, 60, tmp_path) - wanted) / wanted.max(axis=-1, keepdims=True)
+    assert error.max() < 0.05 and np.sqrt(np.mean(error**2)) < 0.01
+    last = decoded_bc6h(found["levels"][-1], 1, 1, tmp_path)
+    assert last[0, 0] == pytest.approx(wanted.mean(axis=(0, 1)), rel=0.05)
+
+
+def decoded_bc6h(blocks: bytes, width: int, height: int, folder: Path) -> npt.NDArray[np.float32]:
+    """Blocks by OpenImageIO, which reads them in DDS files."""
+    rows, columns = height + -height % 4, width + -width % 4
+    header = struct.pack("<7I44x", 124, 0x81007, rows, columns, len(blocks), 0, 0)
+    header += struct.pack("<2I4s5I5I", 32, 4, b"DX10", 0, 0, 0, 0, 0, 0x1000, 0, 0, 0, 0)
+    unsigned_bc6h, picture = 95, 3
+    path = folder / "blocks.dds"
+    path.write_bytes(b"DDS " + header + struct.pack("<5I", unsigned_bc6h, picture, 0, 1, 0) + blocks)
+    file = oiio.ImageInput.open(str(path))
+    assert file is not None
+    return np.asarray(file.read_image(oiio.FLOAT), np.float32)[:height, :width, :3]
+
+
+def test_what_bc6h_needs_is_named(page: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "ispc_texcomp", None)
+    with pytest.raises(EnvironmentFault, match=r"pip install 'lightkiln-pipeline\[bc6h\]'"):
+        check_formats(TextureOptions(formats=["bc6h"]))
+    check_formats(TextureOptions(formats=["ktx2"]))

@@ -91,7 +91,8 @@ fn previews_and_drafts_come_closer_to_the_result() {
     let mut witness = Witness::default();
     let (light, predicted) = stage.bake(0.02, &mut witness);
     let (accel, clock) = (Accel::build(&stage.scene), StageClock::start());
-    let preview = bake::preview(&accel, &stage.atlas, &stage.texels, &clock, &Silent).expect("nobody cancels");
+    let groups = LightGroups::none(&stage.scene);
+    let preview = bake::preview(&accel, &stage.atlas, &stage.texels, &groups, &clock, &Silent).expect("nobody cancels");
     let first = off(&preview.lightmap, &light, |_| true);
     assert!(first < 0.15, "the preview is {first} off");
     let expected = preview.state.predicted_error;
@@ -162,6 +163,7 @@ fn what_is_gathered_again_is_better_and_the_rest_stays() {
 fn dark_rooms_have_previews() {
     let stage = Stage::new(cube([grey(0.0, 0.5); 6]));
     let (accel, clock) = (Accel::build(&stage.scene), StageClock::start());
-    let preview = bake::preview(&accel, &stage.atlas, &stage.texels, &clock, &Silent).expect("nobody cancels");
+    let groups = LightGroups::none(&stage.scene);
+    let preview = bake::preview(&accel, &stage.atlas, &stage.texels, &groups, &clock, &Silent).expect("nobody cancels");
     assert!(preview.lightmap.combined.iter().all(|e| *e == Rgb::ZERO) && preview.state.predicted_error == 0.0);
 }

@@ -38,7 +38,7 @@ def main(scene: str, target: str, addon: str, density: str) -> None:
         settings = bpy.context.scene.lightkiln
         if float(density) > 0:
             settings.density = float(density)
-        bake = Bake(bpy.context.scene, bpy.context.view_layer, preview=False)
+        bake = Bake(bpy.context.scene, bpy.context.view_layer, progressive=False)
         side = bake.export(Path(target))
     except (BakeError, RuntimeError) as error:
         _leave({"error": str(error).strip()})

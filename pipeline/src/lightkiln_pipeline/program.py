@@ -55,18 +55,48 @@ def version(path: Path) -> str:
 
 def bake(scene: Path, folder: Path, options: list[str], progress: Callable[[Event], None]) -> BakeResult:
     """Bakes a GLB into a folder. Raises the error that the baker's exit code stands for, with its message."""
-    command = [str(program()), "bake", str(scene), "--out", str(folder), "--json", *options]
+    result, notes = _run("bake", [scene], ["--out", str(folder), *options], progress)
+    return BakeResult(dict(result["report"]), notes)
+
+
+def solve(scene: Path, folder: Path, options: list[str], progress: Callable[[Event], None]) -> None:
+    """Writes the solution of a GLB into a folder, unless it is there. Raises as `bake` does."""
+    _run("solve", [scene], ["--out", str(folder), *options], progress)
+
+
+def gather(folder: Path, tiles: range, options: list[str], progress: Callable[[Event], None]) -> None:
+    """Gathers those tiles of the folder's solution that are missing. Raises as `bake` does."""
+    _run("gather", [folder], ["--tiles", f"{tiles[0]}-{tiles[-1]}", *options], progress)
+
+
+def merge(solved: Path, folder: Path, options: list[str], progress: Callable[[Event], None]) -> BakeResult:
+    """Merges the tiles of a solution into results. Raises as `bake` does."""
+    result, notes = _run("merge", [solved], ["--out", str(folder), *options], progress)
+    return BakeResult(dict(result["report"]), notes)
+
+
+def tiles_of(folder: Path) -> int:
+    """How many tiles the solution of a folder has. Raises as `bake` does."""
+    result, _ = _run("info", [folder], [], lambda _: None)
+    return int(result["solution"]["tiles"])
+
+
+def _run(
+    command: str, inputs: list[Path], options: list[str], progress: Callable[[Event], None]
+) -> tuple[Event, list[Note]]:
+    """Runs the baker; its result with what it warned of. Raises the error that its exit code stands for."""
+    words = [str(program()), command, *map(str, inputs), "--json", *options]
     notes: list[Note] = []
     result: Event | None = None
     failure = ""
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, encoding="utf-8") as job:
+    with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, encoding="utf-8") as job:
         try:
             assert job.stdout is not None and job.stderr is not None
             for line in job.stdout:
                 event = _event(line)
                 if event.get("event") == "warning":
-                    notes.append(Note(str(event.get("place", scene.name)), str(event.get("message", ""))))
-                elif event.get("event") == "result":
+                    notes.append(Note(str(event.get("place", inputs[0].name)), str(event.get("message", ""))))
+                elif event.get("event") in ("result", "info"):
                     result = event
                 elif event.get("event") == "error":
                     failure = str(event.get("message", ""))
@@ -80,7 +110,7 @@ def bake(scene: Path, folder: Path, options: list[str], progress: Callable[[Even
     if job.returncode != 0 or result is None:
         kind = EnvironmentFault if job.returncode == 3 else PipelineError
         raise kind(failure or said or f"the baker ended with exit code {job.returncode}")
-    return BakeResult(dict(result["report"]), notes)
+    return result, notes
 
 
 def _event(line: str) -> Event:

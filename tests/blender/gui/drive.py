@@ -1,4 +1,4 @@
-"""Runs inside a Blender with a window: clicks Bake, waits, cancels, bakes again, and looks at what is shown.
+"""Runs inside a Blender with a window: clicks Bake, waits, cancels, bakes again, relights, looks at what is shown.
 
     blender --factory-startup --enable-event-simulate --python drive.py -- OUT
 
@@ -31,10 +31,17 @@ def build_scene() -> None:
     for i in range(6):
         bpy.ops.mesh.primitive_monkey_add(size=1, location=(i % 3 * 1.6 - 1.6, i // 3 * 1.8 - 0.5, 0.8))
     bpy.data.objects["Light"].data.energy = 600
+    screen = bpy.data.materials.new("Screen")
+    screen.use_nodes = True
+    shader = screen.node_tree.nodes["Principled BSDF"].inputs
+    shader["Emission Color"].default_value, shader["Emission Strength"].default_value = (0.1, 0.3, 1, 1), 4
+    bpy.ops.mesh.primitive_plane_add(size=1.5, location=(-2, 3.9, 1.5), rotation=(1.5708, 0, 0))
+    bpy.context.object.name = "Panel"
+    bpy.context.object.data.materials.append(screen)
     settings = bpy.context.scene.lightkiln
     settings.storage, settings.density, settings.error = "PACKED", 48, 1
-    # A bake that is cancelled after its preview keeps it; the first one here shall leave nothing.
-    settings.preview = False
+    # A first bake that is cancelled keeps the state that it shows; this one shall leave nothing.
+    settings.progressive = False
 
 
 def shot(name: str) -> None:
@@ -89,6 +96,63 @@ def timed(steps: Callable[[object], Generator[None, None, None]]) -> Callable[[o
     return run
 
 
+def wait_for_relight(before: str) -> Iterator[float]:
+    """Waits until the lightmap is in other light."""
+    live = sys.modules[f"{ADDON}.live"]
+    started = time.monotonic()
+    while bpy.context.scene.lightkiln.relit == before or live.running is not None:
+        assert live.failure == "", live.failure
+        assert time.monotonic() - started < 20, "the lightmap was not relit"
+        yield 0.05
+    print(f"relit within {time.monotonic() - started:.1f} s", flush=True)
+    yield 2.0
+
+
+def relight_live() -> Iterator[float]:
+    """Changes lights as an artist does, and watches the lightmap follow."""
+    settings = bpy.context.scene.lightkiln
+    relight_type = sys.modules[f"{ADDON}.relight"].Relight
+    relight_type.steps = timed(relight_type.steps)
+    before = settings.relit
+    lamp = bpy.data.objects["Light"].data
+    lamp.energy, lamp.color = 150, (1, 0.4, 0.1)
+    yield from wait_for_relight(before)
+    shot("relit_lamp")
+    # The artist edits the material that is seen, which is the lit copy.
+    before = settings.relit
+    lit = bpy.data.objects["Panel"].material_slots[0].material
+    shown = next(n for n in lit.node_tree.nodes if n.get("lightkiln_for"))
+    shown.inputs["Emission Strength"].default_value = 20
+    yield from wait_for_relight(before)
+    shot("relit_emission")
+    original = bpy.data.materials["Screen"].node_tree.nodes["Principled BSDF"]
+    assert original.inputs["Emission Strength"].default_value == 20
+    bpy.data.objects["Light"].location.x += 1
+    started = time.monotonic()
+    while "`Light` was moved" not in settings.stale:
+        assert time.monotonic() - started < 20, "the panel does not say that the lamp was moved"
+        yield 0.1
+    yield 2.0
+    shot("needs_a_bake")
+    # What is undone is relit, too.
+    before = settings.relit
+    bpy.ops.ed.undo_push(message="Before")
+    bpy.data.objects["Light"].data.energy = 5000
+    yield from wait_for_relight(before)
+    bpy.ops.ed.undo_push(message="Brighter")
+    bright = bpy.context.scene.lightkiln.relit
+    bpy.ops.ed.undo()
+    assert bpy.data.objects["Light"].data.energy == 150
+    live = sys.modules[f"{ADDON}.live"]
+    yield 2.0
+    while live.running is not None or live._last:
+        yield 0.1
+    assert bpy.context.scene.lightkiln.relit == before != bright
+    yield 2.0
+    shot("undone")
+    print(f"the longest step was {1000 * longest:.0f} ms by then", flush=True)
+
+
 def steps() -> Iterator[float]:
     """The walk through the add-on; yields seconds to wait."""
     yield 1.0
@@ -122,18 +186,27 @@ def steps() -> Iterator[float]:
     yield 0.5
     shot("cancelled")
 
-    bpy.context.scene.lightkiln.error = 10
-    bpy.context.scene.lightkiln.preview = True
+    settings = bpy.context.scene.lightkiln
+    settings.error, settings.groups, settings.progressive = 4, True, True
     bake_type = sys.modules[f"{ADDON}.bake"].Bake
     bake_type.steps = timed(bake_type.steps)
     yield from press_top_button(session, until_running=True)
+    states: list[str] = []
     while session.running is not None:
+        state = session.running.bake.shown
+        if state and state not in states:
+            states.append(state)
+            yield 1.0
+            shot(f"state_{state}")
         yield 0.1
+    print(f"states shown: {states}", flush=True)
+    assert states and states[0] == "preview"
     print(f"the longest step took {1000 * longest:.0f} ms", flush=True)
     assert session.failure == "", session.failure
     assert bpy.context.scene.lightkiln.view == "LIT"
     yield 4.0
     shot("lit")
+    yield from relight_live()
     bpy.ops.lightkiln.view(view="LIGHT")
     yield 3.0
     shot("light_only")

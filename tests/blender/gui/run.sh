@@ -23,7 +23,7 @@ server=$!
 trap 'kill $server 2> /dev/null || true' EXIT
 sleep 1
 code=0
-inside timeout 240 blender --factory-startup --enable-event-simulate --window-geometry 0 0 1280 900 \
+inside timeout 480 blender --factory-startup --enable-event-simulate --window-geometry 0 0 1280 900 \
   --python /tmp/lightkiln_gui/drive.py -- /tmp/lightkiln_gui/shot || code=$?
 cp "$work"/shot_*.png "$out/" || true
 exit $code

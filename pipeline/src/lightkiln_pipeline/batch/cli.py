@@ -10,6 +10,7 @@ import json
 import os
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -25,13 +26,17 @@ from .manifest import Manifest, load_manifest
 from .plan import Asset, Plan, make_plan
 from .report import Row, write_reports
 from .run import Selection, run, select
-from .task import run_task
+from .task import Task, in_parts, run_task
+from .tiles import gather_asset, merge_asset, solve_asset
 
 app = typer.Typer(
     no_args_is_help=True, add_completion=False, help="Bakes lightmaps for many scenes, those that changed."
 )
 _err = Console(stderr=True)
 
+Tiles = Annotated[
+    int | None, typer.Option(min=1, max=1024, help="Parts in which every asset is gathered; overrules the manifest.")
+]
 ManifestPath = Annotated[Path, typer.Argument(help="The manifest, a TOML file.", metavar="MANIFEST")]
 
 
@@ -96,8 +101,11 @@ def run_command(
     scheduler: Annotated[
         str | None, typer.Option(help="Dask scheduler, tcp://host:port; else one is started here.")
     ] = None,
+    tiles: Tiles = None,
 ) -> None:
     """Bake what changed since the last run."""
+    if tiles is not None and executor != "dask":
+        raise typer.BadParameter("--tiles goes with --executor dask: one machine bakes an asset faster in one piece")
     if watch and (dry_run or executor == "dask"):
         raise typer.BadParameter("--watch goes with neither --dry-run nor --executor dask")
     with _Voice(as_json) as voice:
@@ -107,6 +115,8 @@ def run_command(
             # Before anything is hashed, so that no change is missed while it bakes.
             before = _look(plan)
             selection = select(plan, voice.say)
+            if tiles is not None:
+                selection.tasks = [in_parts(task, tiles) for task in selection.tasks]
             failed = any(row.state == "failed" for row in selection.rows)
             if dry_run:
                 for task in selection.tasks:
@@ -146,13 +156,51 @@ def _look(plan: Plan) -> dict[str, tuple[int, int]]:
     return seen
 
 
+AssetName = Annotated[str, typer.Argument(help="Name of the asset, as `run --dry-run` lists it.")]
+OpenJd = Annotated[bool, typer.Option("--openjd", help="Report progress as Open Job Description wants it.")]
+
+
 @app.command()
-def asset(
-    manifest: ManifestPath,
-    name: Annotated[str, typer.Argument(help="Name of the asset, as `run --dry-run` lists it.")],
-    openjd: Annotated[bool, typer.Option("--openjd", help="Report progress as Open Job Description wants it.")] = False,
-) -> None:
+def asset(manifest: ManifestPath, name: AssetName, openjd: OpenJd = False) -> None:
     """Bake one asset if it changed: a task of a farm."""
+    if task := _stale(manifest, name):
+        run_task(task, _progress(openjd))
+        _print(f"{name}: baked")
+
+
+@app.command()
+def solve(manifest: ManifestPath, name: AssetName, openjd: OpenJd = False) -> None:
+    """Solve one asset if it changed, so that its tiles can be gathered: a task of a farm."""
+    if task := _stale(manifest, name):
+        solve_asset(task, _progress(openjd))
+        _print(f"{name}: solved")
+
+
+@app.command()
+def gather(
+    manifest: ManifestPath,
+    name: AssetName,
+    part: Annotated[str, typer.Option(help="Which parts of the tiles: A-B, or A; the first is 0.")],
+    of: Annotated[int, typer.Option(min=1, max=1024, help="How many parts there are.")],
+    openjd: OpenJd = False,
+) -> None:
+    """Gather parts of a solved asset's tiles, those that are missing: a task of a farm."""
+    parts = _parts(part, of)
+    if task := _stale(manifest, name):
+        gather_asset(task, parts, of, _progress(openjd))
+        _print(f"{name}: parts {part} of {of} gathered")
+
+
+@app.command()
+def merge(manifest: ManifestPath, name: AssetName, openjd: OpenJd = False) -> None:
+    """Merge the tiles of an asset to its results: a task of a farm."""
+    if task := _stale(manifest, name):
+        merge_asset(task, _progress(openjd))
+        _print(f"{name}: baked")
+
+
+def _stale(manifest: Path, name: str) -> Task | None:
+    """The task of an asset, none if it is current. Raises PipelineError if it cannot be baked."""
     plan = make_plan(load_manifest(manifest), manifest)
     chosen = [a for a in plan.assets if a.name == name]
     if not chosen:
@@ -161,9 +209,22 @@ def asset(
     for row in selection.rows:
         if row.state == "failed":
             raise PipelineError(row.message)
-    for task in selection.tasks:
-        run_task(task, _openjd_progress if openjd else lambda _: None)
-    _print(f"{name}: {'baked' if selection.tasks else 'current'}")
+    if not selection.tasks:
+        _print(f"{name}: current")
+    return next(iter(selection.tasks), None)
+
+
+def _parts(text: str, of: int) -> range:
+    first, _, last = text.partition("-")
+    if first.isdecimal() and (last or first).isdecimal():
+        parts = range(int(first), int(last or first) + 1)
+        if parts and parts.stop <= of:
+            return parts
+    raise typer.BadParameter(f"--part `{text}` is not like 3 or 0-3, within 0-{of - 1}")
+
+
+def _progress(openjd: bool) -> Callable[[dict[str, Any]], None]:
+    return _openjd_progress if openjd else lambda _: None
 
 
 def _openjd_progress(event: dict[str, Any]) -> None:
@@ -209,9 +270,10 @@ def _names(plan: Plan) -> str:
 def bundle(
     manifest: ManifestPath,
     folder: Annotated[Path, typer.Argument(help="Folder for the job template.")],
+    tiles: Tiles = None,
 ) -> None:
     """Write the batch as an Open Job Description, for render farms."""
-    target = write_bundle(make_plan(load_manifest(manifest), manifest), manifest, folder)
+    target = write_bundle(make_plan(load_manifest(manifest), manifest), manifest, folder, tiles)
     _print(f"{target}: submit its folder to a farm, or run it here:")
     _print(f"openjd run {target} -p Manifest={manifest.resolve()}")
 

@@ -9,7 +9,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Generator, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from dataclasses import asdict, dataclass
 from queue import Empty, SimpleQueue
@@ -19,6 +19,7 @@ from typing import Any, Protocol
 from ..errors import EnvironmentFault, PipelineError
 from .stamp import Stamp
 from .task import Task, run_task
+from .tiles import gather_asset, merge_asset, solve_asset
 
 Message = dict[str, Any]
 
@@ -171,32 +172,90 @@ class DaskExecutor:
         """See Executor. Workers that die are replaced by Dask, which then runs their task again."""
         from distributed import as_completed
 
-        futures = {
-            self._client.submit(
-                run_quietly, task, key=f"lightkiln-{task.name}-{task.key}", retries=int(task.settings.get("retries", 1))
-            ): task
-            for task in tasks
-        }
+        jobs = [self._submit(task) for task in tasks]
+        results = {job.result: job for job in jobs}
+        steps = {step: job for job in jobs for step in job.steps}
         try:
-            for future in as_completed(futures):
-                task = futures[future]
+            for future in as_completed([*steps, *results]):
+                if future in steps:
+                    job = steps[future]
+                    job.finished += 1
+                    yield job.task, {"event": "progress", "stage": "gather", "done": job.finished / len(job.steps)}
+                    continue
+                task = results[future].task
                 if future.status != "finished":
                     yield Outcome(task, None, f"the worker was lost: {future.exception()}", 1)
-                    continue
-                stamp, message, code = future.result()
-                yield Outcome(task, stamp, message, code)
+                    stamp = None
+                else:
+                    stamp, message, code = future.result()
+                    yield Outcome(task, stamp, message, code)
                 if stamp is None and stop_on_failure:
                     return
         finally:
-            self._client.cancel(list(futures))
+            self._client.cancel([*steps, *results])
             self._client.close()
             if self._cluster is not None:
                 self._cluster.close()
 
+    def _submit(self, task: Task) -> _Job:
+        """The asset as one task, or as its parts: solve, then tiles, then merge."""
+        retries, of = int(task.settings.get("retries", 1)), int(task.settings.get("tiles", 1))
 
-def run_quietly(task: Task) -> tuple[Stamp | None, str, int]:
-    """A task's stamp, or the message and exit code of its fault: such a fault would only come again."""
+        def submit(part: str, work: Callable[..., Ending], *inputs: Any) -> Any:
+            key = f"lightkiln-{part}-{task.name}-{task.key}"
+            return self._client.submit(run_quietly, work, task, *inputs, key=key, retries=retries)
+
+        if of == 1:
+            return _Job(task, submit("bake", _bake), [])
+        solved = submit("solve", _solve)
+        tiles = [submit(f"gather{part}", _gather, solved, part, of) for part in range(of)]
+        return _Job(task, submit("merge", _merge, tiles), [solved, *tiles])
+
+
+Ending = tuple["Stamp | None", str, int]
+"""A stamp where there are results, or the message and exit code of a fault: such a fault would only come again."""
+
+
+@dataclass
+class _Job:
+    """An asset on a cluster."""
+
+    task: Task
+    result: Any
+    """The future of its ending."""
+    steps: list[Any]
+    """Futures that come before."""
+    finished: int = 0
+    """How many of these are done."""
+
+
+def run_quietly(work: Callable[..., Ending], task: Task, *inputs: Any) -> Ending:
+    """Does a part of an asset."""
     try:
-        return run_task(task, lambda _: None), "", 0
+        return work(task, *inputs)
     except PipelineError as error:
         return None, str(error), error.exit_code
+
+
+def _bake(task: Task) -> Ending:
+    return run_task(task, _silent), "", 0
+
+
+def _solve(task: Task) -> Ending:
+    solve_asset(task, _silent)
+    return None, "", 0
+
+
+def _gather(task: Task, solved: Ending, part: int, of: int) -> Ending:
+    if not solved[1]:
+        gather_asset(task, range(part, part + 1), of, _silent)
+    return solved
+
+
+def _merge(task: Task, gathered: list[Ending]) -> Ending:
+    failed = next((ending for ending in gathered if ending[1]), None)
+    return failed or (merge_asset(task, _silent), "", 0)
+
+
+def _silent(_: Message) -> None:
+    """Progress does not leave the worker."""

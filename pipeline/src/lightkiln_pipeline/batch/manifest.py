@@ -41,7 +41,7 @@ class UsdOptions(_Strict):
     layer: Annotated[Literal["usdc", "usda", "none"], Field(description="Kind of the layer with the result.")] = "usdc"
 
 
-TextureFormat = Literal["tx", "exr", "hdr", "rgbm", "rgbd", "logluv", "ktx2"]
+TextureFormat = Literal["tx", "exr", "hdr", "rgbm", "rgbd", "logluv", "ktx2", "bc6h"]
 
 
 class TextureOptions(_Strict):
@@ -73,9 +73,18 @@ class Settings(_Strict):
     unwrapper: Literal["xatlas", "fast"] | None = None
     padding: Annotated[int | None, Field(ge=0, le=64)] = None
     quantity: Literal["irradiance", "radiance", "radiosity"] | None = None
+    groups: Annotated[bool, Field(description="Pages for every light group, and what `lightkiln relight` needs.")] = (
+        False
+    )
+    audit: Annotated[
+        Literal["auto", "thorough", "off"] | None, Field(description="How much to spend on finding the error reached.")
+    ] = None
     float_pages: Annotated[bool, Field(description="32-bit pages.")] = False
     light_units: Literal["photometric", "radiometric"] | None = None
     threads: Annotated[int | None, Field(ge=1)] = None
+    tiles: Annotated[
+        int, Field(ge=1, le=1024, description="Parts that a cluster or a farm gathers apart, each on any machine.")
+    ] = 1
     retries: Annotated[int, Field(ge=0, le=10, description="Further attempts after a crash.")] = 1
     timeout: Annotated[_Positive | None, Field(description="Seconds after which an attempt ends.")] = None
     usd: UsdOptions = UsdOptions()

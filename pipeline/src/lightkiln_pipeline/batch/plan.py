@@ -134,4 +134,4 @@ def cache_key(asset: Asset, baker: str) -> str:
 
 def _relevant(settings: Settings) -> dict[str, Any]:
     """Settings that change the result."""
-    return settings.model_dump(mode="json", exclude={"threads", "retries", "timeout"})
+    return settings.model_dump(mode="json", exclude={"threads", "tiles", "retries", "timeout"})

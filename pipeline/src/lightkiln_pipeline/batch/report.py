@@ -118,7 +118,7 @@ def _overview(out: Path, rows: Sequence[Row], thumbnails: dict[str, str], second
     summary = f"{done} in {seconds:.1f} s with {baker}"
     lines = [
         f"<p>{html.escape(summary)}</p>",
-        "<table><tr><th>Lightmap<th>Asset<th>State<th>Time<th>Texels<th>Error aimed for<th>Warnings",
+        "<table><tr><th>Lightmap<th>Asset<th>State<th>Time<th>Texels<th>Error<th>Aimed for<th>Warnings",
     ]
     # Failures first: they are what one looks for in the morning.
     for row in sorted(rows, key=lambda r: (r.state != "failed", r.name)):
@@ -131,6 +131,7 @@ def _overview(out: Path, rows: Sequence[Row], thumbnails: dict[str, str], second
             f'<span class="{row.state}">{row.state}</span> {html.escape(row.message)}',
             f"{row.stamp.seconds:.1f} s" if row.stamp else "",
             _number(facts.get("texels")),
+            _reached(facts),
             _percent(facts.get("error_target")),
             str(len(row.stamp.notes)) if row.stamp else "",
         ]
@@ -145,7 +146,7 @@ def _asset_page(row: Row, thumbnail: str) -> str:
         _image(thumbnail),
         f"<p>{html.escape(str(row.scene))}, baked in {row.stamp.seconds:.1f} s with {html.escape(row.stamp.baker)}: ",
         f"{_number(facts.get('triangles'))} triangles, {_number(facts.get('texels'))} texels, ",
-        f"error aimed for {_percent(facts.get('error_target'))}.</p>",
+        f"error {_reached(facts)}, aimed for {_percent(facts.get('error_target'))}.</p>",
         '<p><a href="report.html">The baker\'s report</a></p>',
         f"<h2>{len(row.stamp.notes)} warnings</h2><ul>",
         *(f"<li><b>{html.escape(place)}</b>: {html.escape(text)}" for place, text in row.stamp.notes),
@@ -167,5 +168,12 @@ def _number(value: Any) -> str:
     return f"{value:,}" if isinstance(value, int) else "–"
 
 
+def _reached(facts: dict[str, Any]) -> str:
+    """What the baker's audit has found, and whether that meets what was aimed for."""
+    verdict = facts.get("verdict")
+    text = f"{_percent(facts.get('error'))} {html.escape(verdict)}" if verdict else "–"
+    return f'<span class="failed">{text}</span>' if verdict == "missed" else text
+
+
 def _percent(value: Any) -> str:
-    return f"{100 * value:g} %" if isinstance(value, (int, float)) else "–"
+    return f"{100 * value:.3g} %" if isinstance(value, (int, float)) else "–"

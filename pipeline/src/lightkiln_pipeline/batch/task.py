@@ -9,13 +9,14 @@ import contextlib
 import glob
 import json
 import os
+import platform
 import shutil
 import signal
 import sys
 import threading
 import time
-from collections.abc import Callable
-from dataclasses import asdict, dataclass, field
+from collections.abc import Callable, Iterator
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -41,45 +42,77 @@ class Task:
     settings: dict[str, Any] = field(default_factory=dict)
 
 
+def in_parts(task: Task, of: int) -> Task:
+    """The same, its tiles gathered in so many parts where there are several machines."""
+    return replace(task, settings={**task.settings, "tiles": of})
+
+
 def run_task(task: Task, progress: Progress) -> Stamp:
     """Bakes and publishes. Raises PipelineError with the reason if that is impossible."""
+    check_baker(task)
+    settings, scene, folder = Settings.model_validate(task.settings), Path(task.scene), Path(task.folder)
+    start, notes = time.monotonic(), Notes()
+    with scratch(folder) as work:
+        # What is only made for the baker is no result.
+        made = work / "source"
+        made.mkdir()
+        glb, extra = prepared(scene, made, settings, notes, progress)
+        options = [*light_options(settings, scene), *form_options(settings), *extra]
+        result = program.bake(glb, work, [*options, *thread_options(settings)], progress)
+        shutil.rmtree(made)
+        return finished(task, work, result, notes, start, progress)
+
+
+def check_baker(task: Task) -> None:
+    """Raises EnvironmentFault if this machine has another baker than the batch."""
     found = program.version(program.program())
     if found != task.baker:
         raise EnvironmentFault(f"this worker has {found}, the batch {task.baker}; install the same baker everywhere")
-    settings, scene, folder = Settings.model_validate(task.settings), Path(task.scene), Path(task.folder)
-    start, notes = time.monotonic(), Notes()
-    work = folder.parent / f".{folder.name}.{os.getpid()}.partial"
-    _clear(folder)
+
+
+@contextlib.contextmanager
+def scratch(folder: Path) -> Iterator[Path]:
+    """A folder beside the results, on the same disk, that goes away. What the disk refuses becomes EnvironmentFault."""
+    mark = f".{folder.name}.{platform.node() or 'host'}."
+    work = folder.parent / f"{mark}{os.getpid()}.partial"
+    # What attempts that were killed on this machine have left.
+    for left in folder.parent.glob(f"{glob.escape(mark)}*.partial"):
+        number = left.name.split(".")[-2]
+        if number.isdigit() and not Path(f"/proc/{number}").exists():
+            shutil.rmtree(left, ignore_errors=True)
     try:
-        # What is only made for the baker is no result.
-        made = work / "source"
-        made.mkdir(parents=True)
-        glb, extra = _prepared(scene, made, settings, notes, progress)
-        result = program.bake(glb, work, [*baker_options(settings, scene), *extra], progress)
-        for note in result.notes:
-            notes.add(note.place, note.message)
-        shutil.rmtree(made)
-        _finish(scene, folder, work, settings, notes, progress)
-        facts = _facts(result.report)
-        stamp = Stamp(task.key, task.scene, task.baker, time.monotonic() - start, {}, _pairs(notes.list()), facts)
-        publish(work, folder, stamp)
-        return stamp
+        work.mkdir(parents=True)
+        yield work
     except OSError as error:
         raise EnvironmentFault(f"{error}; free space or correct the folder's rights") from error
     finally:
         shutil.rmtree(work, ignore_errors=True)
 
 
-def _clear(folder: Path) -> None:
-    """Removes what attempts that were killed on this machine have left."""
-    for left in folder.parent.glob(f".{glob.escape(folder.name)}.*.partial"):
-        number = left.name.split(".")[-2]
-        if number.isdigit() and not Path(f"/proc/{number}").exists():
-            shutil.rmtree(left, ignore_errors=True)
+def finished(
+    task: Task, work: Path, result: program.BakeResult, notes: Notes, start: float, progress: Progress
+) -> Stamp:
+    """Adds to the baker's results in `work` what is made from them, and publishes all."""
+    settings, scene, folder = Settings.model_validate(task.settings), Path(task.scene), Path(task.folder)
+    for note in result.notes:
+        notes.add(note.place, note.message)
+    _finish(scene, folder, work, settings, notes, progress)
+    facts = _facts(result.report)
+    stamp = Stamp(task.key, task.scene, task.baker, time.monotonic() - start, {}, pairs(notes.list()), facts)
+    publish(work, folder, stamp)
+    # Of this scene, and of what it was before.
+    for left in folder.parent.glob(f".{glob.escape(folder.name)}.*.tiles"):
+        shutil.rmtree(left, ignore_errors=True)
+    return stamp
 
 
-def baker_options(settings: Settings, scene: Path) -> list[str]:
-    """Settings as arguments of `lightkiln bake`."""
+def tiled(folder: Path, key: str) -> Path:
+    """Where the parts of an asset meet that is baked on several machines, beside its results."""
+    return folder.parent / f".{folder.name}.{key[:16]}.tiles"
+
+
+def light_options(settings: Settings, scene: Path) -> list[str]:
+    """Settings that the light depends on, as arguments of the baker."""
     # The page of a .blend is laid out by the add-on, at the density that is asked for.
     laid_out = scene.suffix.lower() == ".blend"
     named = {
@@ -88,17 +121,30 @@ def baker_options(settings: Settings, scene: Path) -> list[str]:
         "--resolution": None if laid_out else settings.resolution,
         "--unwrapper": settings.unwrapper,
         "--padding": settings.padding,
-        "--quantity": settings.quantity,
-        "--threads": settings.threads,
     }
     options = [word for key, value in named.items() if value is not None for word in (key, str(value))]
-    return [*options, "--force", *(["--float"] if settings.float_pages else [])]
+    return [*options, *(["--groups"] if settings.groups else [])]
 
 
-def _prepared(
-    scene: Path, folder: Path, settings: Settings, notes: Notes, progress: Progress
-) -> tuple[Path, list[str]]:
+def form_options(settings: Settings) -> list[str]:
+    """What the pages look like, as arguments of the baker."""
+    quantity = ["--quantity", settings.quantity] if settings.quantity else []
+    audit = ["--audit", settings.audit] if settings.audit else []
+    return [*quantity, *audit, "--force", *(["--float"] if settings.float_pages else [])]
+
+
+def thread_options(settings: Settings) -> list[str]:
+    """How many threads work, as arguments of the baker."""
+    return ["--threads", str(settings.threads)] if settings.threads else []
+
+
+def prepared(scene: Path, folder: Path, settings: Settings, notes: Notes, progress: Progress) -> tuple[Path, list[str]]:
     """The GLB to bake, made in `folder` if it must be, and the options that its kind needs."""
+    if settings.textures.formats:
+        from ..textures.export import check_formats
+
+        # Before the long work that comes first.
+        check_formats(settings.textures)
     kind = scene.suffix.lower()
     glb = folder / f"{scene.stem}.glb"
     if kind in USD_KINDS:
@@ -144,17 +190,20 @@ def _finish(scene: Path, folder: Path, work: Path, settings: Settings, notes: No
 
 def _facts(report: dict[str, Any]) -> dict[str, Any]:
     """Figures of the baker's report that a batch's report shows."""
-    scene, atlas = report.get("scene", {}), report.get("atlas", {})
+    scene, atlas, audit = report.get("scene", {}), report.get("atlas", {}), report.get("audit") or {}
     return {
         "triangles": scene.get("triangles"),
         "texels": atlas.get("texels"),
         "baked_s": report.get("total", {}).get("wall_s"),
         "error_target": report.get("settings", {}).get("error"),
+        "error": audit.get("error", {}).get("value"),
+        "verdict": audit.get("verdict"),
         "memory_peak_bytes": report.get("memory_peak_bytes"),
     }
 
 
-def _pairs(notes: list[Note]) -> list[list[str]]:
+def pairs(notes: list[Note]) -> list[list[str]]:
+    """Notes as JSON has them."""
     return [[note.place, note.message] for note in notes]
 
 

@@ -14,8 +14,9 @@ import OpenImageIO as oiio
 from .. import __version__
 from ..batch.manifest import TextureOptions
 from ..errors import PipelineError
+from . import bc6h
 from .encodings import encode_logluv, encode_rgbd, encode_rgbm
-from .ktx2 import write_ktx2
+from .ktx2 import B10G11R11, BC6H, write_ktx2
 
 # What the baker writes, by the name that OCIO's own configurations have for it.
 _SOURCE_SPACES = ("lin_rec709", "Linear Rec.709 (sRGB)", "lin_rec709_scene")
@@ -36,8 +37,8 @@ def export_textures(page: Path, options: TextureOptions) -> list[Path]:
             _write_mipmapped(source, target)
         elif kind == "hdr":
             _save(source, target)
-        elif kind == "ktx2":
-            target.write_bytes(write_ktx2(_mip_levels(source), _metadata(source)))
+        elif kind in _KTX2:
+            target.write_bytes(write_ktx2(_mip_levels(source), _metadata(source), _KTX2[kind]))
         else:
             _write_encoded(source, target, kind, options.range)
         written.append(target)
@@ -52,7 +53,15 @@ _SUFFIXES = {
     "rgbd": ".rgbd.png",
     "logluv": ".logluv.png",
     "ktx2": ".ktx2",
+    "bc6h": ".bc6h.ktx2",
 }
+_KTX2 = {"ktx2": B10G11R11, "bc6h": BC6H}
+
+
+def check_formats(options: TextureOptions) -> None:
+    """Raises EnvironmentFault if a format needs something that this machine lacks."""
+    if "bc6h" in options.formats:
+        bc6h.check()
 
 
 def _converted(source: oiio.ImageBuf, config: str, space: str) -> oiio.ImageBuf:

@@ -17,6 +17,9 @@ from .networks import Texture
 
 Pixels = npt.NDArray[np.float32]
 
+# More than a lightmap's texels can tell of reflectance.
+_LARGEST_SET = 4096
+
 
 class ImageFault(Exception):
     """A picture cannot be read; the message says why."""
@@ -52,15 +55,37 @@ def _read(file: str) -> tuple[Pixels, bool]:
 
 def linear_texture(texture: Texture) -> tuple[Pixels, bool]:
     """What a UsdUVTexture gives: RGBA with its scale and bias, and whether there is an alpha. Raises ImageFault."""
-    pixels, is_byte = read_pixels(texture.file)
+    rgba, has_alpha = _set(texture) if texture.tiles else _stored(texture.file, texture.color_space)
+    return np.asarray(rgba * np.array(texture.scale) + np.array(texture.bias), np.float32), has_alpha
+
+
+def _stored(file: str, color_space: str) -> tuple[Pixels, bool]:
+    """RGBA of a file, linear, and whether there is an alpha."""
+    pixels, is_byte = read_pixels(file)
     channels = pixels.shape[2]
     color = np.repeat(pixels[..., :1], 3, axis=2) if channels < 3 else pixels[..., :3]
     has_alpha = channels in (2, 4)
     alpha = pixels[..., -1:] if has_alpha else np.ones_like(pixels[..., :1])
-    if texture.color_space == "sRGB" or (texture.color_space == "auto" and is_byte and channels >= 3):
+    if color_space == "sRGB" or (color_space == "auto" and is_byte and channels >= 3):
         color = decode_srgb(color)
-    rgba = np.concatenate([color, alpha], axis=2)
-    return np.asarray(rgba * np.array(texture.scale) + np.array(texture.bias), np.float32), has_alpha
+    return np.concatenate([color, alpha], axis=2), has_alpha
+
+
+def _set(texture: Texture) -> tuple[Pixels, bool]:
+    """The same of a set of tiles, side by side; the fallback where there is no tile."""
+    columns, rows = texture.grid
+    read = [(*_stored(file, texture.color_space), column, row) for file, column, row in texture.tiles]
+    # All tiles as large as the largest, within bounds.
+    height = min(max(tile.shape[0] for tile, *_ in read), _LARGEST_SET // rows)
+    width = min(max(tile.shape[1] for tile, *_ in read), _LARGEST_SET // columns)
+    whole = np.empty((rows * height, columns * width, 4), np.float32)
+    # Scale and bias, which come after, are no part of the fallback.
+    scale = np.where(np.array(texture.scale) == 0, 1.0, texture.scale)
+    whole[:] = (np.array(texture.fallback) - np.array(texture.bias)) / scale
+    for tile, _, column, row in read:
+        top, left = (rows - 1 - row) * height, column * width
+        whole[top : top + height, left : left + width] = resized(tile, width, height)
+    return whole, any(has_alpha for _, has_alpha, *_ in read)
 
 
 def picked(rgba: Pixels, output: str) -> Pixels:

@@ -82,7 +82,12 @@ class Materials:
     def _fits(self, texture: Texture) -> bool:
         """True if glTF's own rules give the same values from the file as it is."""
         kind = Path(texture.file.rstrip("]")).suffix.lower()
-        plain = texture.output == "rgb" and not any(texture.bias[:3]) and all(0 <= s <= 1 for s in texture.scale[:3])
+        plain = (
+            not texture.tiles
+            and texture.output == "rgb"
+            and not any(texture.bias[:3])
+            and all(0 <= s <= 1 for s in texture.scale[:3])
+        )
         return plain and texture.color_space in ("auto", "sRGB") and kind in (".jpg", ".jpeg")
 
     def _plain_image(self, texture: Texture, uv_sets: list[str]) -> Json | None:

@@ -12,6 +12,7 @@ from typing import Any
 from pxr import Sdf, UsdShade
 
 from ..errors import Notes
+from . import udim
 
 Vector4 = tuple[float, float, float, float]
 
@@ -35,6 +36,10 @@ class Texture:
     """Of the coordinates, degrees, counter-clockwise with v upwards; after the scale, before the shift."""
     uv_scale: tuple[float, float] = (1.0, 1.0)
     shift: tuple[float, float] = (0.0, 0.0)
+    tiles: tuple[tuple[str, int, int], ...] = ()
+    """Of a set of UDIM tiles: files with their column and row, row 0 at v = 0."""
+    grid: tuple[int, int] = (1, 1)
+    """Columns and rows of tiles that the picture has."""
 
     def scaled(self, factor: float) -> Texture:
         """The texture with all values multiplied."""
@@ -105,7 +110,7 @@ def _uv_texture(node: Any, output: str, time: Any, notes: Notes) -> Input:
         bias=_vector(_constant(node, "bias", time), (0.0, 0.0, 0.0, 0.0)),
         fallback=fallback,
     )
-    return Input(None, _coordinates(node, "st", texture, time, notes))
+    return Input(None, udim.spread(_coordinates(node, "st", texture, time, notes)))
 
 
 def _materialx_image(node: Any, time: Any, notes: Notes) -> Input:
@@ -118,7 +123,7 @@ def _materialx_image(node: Any, time: Any, notes: Notes) -> Input:
         notes.add(node.GetPath(), f"colour space `{space}` is taken as linear Rec.709; convert the image")
     scalar = "float" in str(node.GetIdAttr().Get())
     texture = Texture(file, "r" if scalar else "rgb", color_space=encoded or "raw", wrap=("repeat", "repeat"))
-    return Input(None, texture)
+    return Input(None, udim.spread(texture))
 
 
 def _file(node: Any, time: Any, notes: Notes) -> str:
@@ -127,12 +132,12 @@ def _file(node: Any, time: Any, notes: Notes) -> str:
     if not isinstance(asset, Sdf.AssetPath) or not asset.path:
         notes.add(node.GetPath(), "it names no file; its fallback is baked")
         return ""
-    if "<UDIM>" in asset.path:
-        notes.add(node.GetPath(), f"`{asset.path}` is a set of UDIM tiles, which are not read; its fallback is baked")
-        return ""
-    if not asset.resolvedPath:
+    found = str(asset.resolvedPath)
+    if UsdShade.UdimUtils.IsUdimIdentifier(asset.path):
+        found = udim.resolved(node.GetInput("file").GetValueProducingAttributes()[0], time)
+    if not found:
         notes.add(node.GetPath(), f"`{asset.path}` was not found; its fallback is baked, put the file there")
-    return str(asset.resolvedPath)
+    return found
 
 
 def _coordinates(node: Any, key: str, texture: Texture, time: Any, notes: Notes) -> Texture:
