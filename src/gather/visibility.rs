@@ -183,13 +183,6 @@ impl<'a> Lamps<'a> {
 
     /// The part of one lamp in [`Lamps::mean`].
     pub(super) fn mean_of(&self, lamp: usize, points: &[SurfacePoint], seed: u32, rays: u32) -> Rgb {
-        let at = |p: &SurfacePoint| {
-            self.get(lamp, p).map_or(Rgb::ZERO, |lamp| lamp.unoccluded(p.position, p.shading_normal))
-        };
-        let free = points.iter().map(at).sum::<Rgb>() / points.len() as f32;
-        if free.max_element() <= 0.0 {
-            return Rgb::ZERO;
-        }
         let sequence = Sequence::new(hash2(seed, lamp as u32));
         let mut sum = Visibility::default();
         for i in 0..rays {
@@ -198,6 +191,14 @@ impl<'a> Lamps<'a> {
                 self.probe(&lamp.aim(p.position, p.shading_normal, 0.0), &p, sequence.first(i), &mut sum);
             }
         }
+        // What is blocked need not be known.
+        if sum.open == Rgb::ZERO {
+            return Rgb::ZERO;
+        }
+        let at = |p: &SurfacePoint| {
+            self.get(lamp, p).map_or(Rgb::ZERO, |lamp| lamp.unoccluded(p.position, p.shading_normal))
+        };
+        let free = points.iter().map(at).sum::<Rgb>() / points.len() as f32;
         free * sum.share()
     }
 }
