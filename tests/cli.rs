@@ -120,7 +120,7 @@ fn the_audit_tells_the_error_unless_it_is_off() {
 #[test]
 fn a_missed_target_is_said_even_into_a_pipe() {
     let bench = Bench::new();
-    // Probes cannot be as exact as this at the foot of a wall as bright as the sun.
+    // Few and large texels cannot be as exact as this where a wall as bright as the sky stands in the middle of them.
     let mut file = lit_square();
     let positions: [[f32; 3]; 4] = [[0.0, 0.0, -0.5], [0.0, 0.5, -0.5], [0.0, 0.5, 0.5], [0.0, 0.0, 0.5]];
     let positions = file.floats("VEC3", &positions);
@@ -136,7 +136,7 @@ fn a_missed_target_is_said_even_into_a_pipe() {
     );
     file.push_root(serde_json::json!({ "name": "wall", "mesh": mesh }));
     file.write(&bench.path("wall.glb"));
-    let output = bench.run(&["bake", "wall.glb", "--resolution", "32", "--error", "0.1%", "--audit", "thorough"]);
+    let output = bench.run(&["bake", "wall.glb", "--resolution", "7", "--error", "0.1%", "--audit", "thorough"]);
     assert_eq!(code(&output), 0, "{}", stderr(&output));
     let said = stderr(&output);
     let report = fs::read(bench.path("lightmaps/wall/report.json")).expect("it was written");

@@ -34,7 +34,7 @@ const FLOOR: f32 = 0.25;
 /// Times the scene's mean irradiance above which they count as if it were that bright.
 const CEILING: f32 = 1.0;
 /// Standard error of a probe, in errors of the lightmap.
-const PROBE_ERROR: f32 = 1.0;
+const PROBE_ERROR: f32 = 0.8;
 /// Most rays that one probe casts on top of one per stratum, for an error of 2 %.
 const MOST_RAYS: f32 = 1800.0;
 

@@ -9,7 +9,7 @@ use super::visibility::Screen;
 use crate::accel::{Accel, Hit, Ray, offset_origin};
 use crate::atlas::SurfacePoint;
 use crate::hierarchy::{Side, Surfels};
-use crate::math::{cosine_hemisphere, hash2, hash3, unit_float};
+use crate::math::{cosine_hemisphere, hash2, unit_float};
 use crate::scene::Rgb;
 use glam::{Vec2, Vec3};
 use half::f16;
@@ -22,8 +22,8 @@ const LEAST_OPEN: f32 = 0.25;
 const CONTACT: f32 = 1.0;
 /// Turns of a path at most.
 const MOST_TURNS: u32 = 8;
-/// Turns after which a path goes on by chance.
-const SURE_TURNS: u32 = 1;
+/// Share of what a path stands for below which the coarse solution tells enough.
+const FAINT: f32 = 0.1;
 
 /// Where rays from the side of a surfel start.
 #[derive(Clone, Copy)]
@@ -221,19 +221,13 @@ impl<'a> Source<'a> {
         let mut rays = 1;
         for turn in 0.. {
             let Some(at) = place else { break };
-            if turn == MOST_TURNS || distance * distance > CONTACT * CONTACT * self.areas[at.element as usize] {
+            let is_far = distance * distance > CONTACT * CONTACT * self.areas[at.element as usize];
+            if turn == MOST_TURNS || is_far || weight.max_element() < FAINT {
                 radiance += weight * self.cached(&at, distance, solid_angle, weight, tally);
                 break;
             }
-            let seed = hash3(seed, turn, at.surfel);
+            let seed = hash2(seed, turn);
             weight *= self.lit.surfels.reflectance(at.surfel);
-            if turn >= SURE_TURNS {
-                let chance = weight.max_element().min(1.0);
-                if unit_float(hash2(seed, 3)) >= chance {
-                    break;
-                }
-                weight /= chance;
-            }
             let (direct, screen) = self.direct_at(&at, seed, weight * FRAC_1_PI, tally);
             radiance += weight * FRAC_1_PI * direct;
             let u = Vec2::new(unit_float(hash2(seed, 1)), unit_float(hash2(seed, 2)));
