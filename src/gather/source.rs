@@ -375,7 +375,8 @@ impl<'a> Source<'a> {
     }
 
     /// Irradiance straight from lamps at a place, W/m²: its texel's if that has one for all of it, else sampled at the
-    /// very point, because a gap may be narrower than a texel. With what is counted of the sky by that. The tally gets `weight` times the irradiance.
+    /// very point, because a gap may be narrower than a texel. With what is counted of the sky by that. The tally gets
+    /// `weight` times the irradiance.
     fn direct_at<T: Tally>(&self, place: &Place, seed: u32, weight: Rgb, tally: &mut T) -> (Rgb, Screen<'_>) {
         let LitScene { direct, lamps, .. } = self.lit;
         let s = place.surfel as usize;
