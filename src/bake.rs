@@ -1,5 +1,6 @@
 //! The order of the stages: scene file and settings → results on the disk.
 
+mod effort;
 mod groups;
 mod keeper;
 mod light;

@@ -1,11 +1,12 @@
 //! The order of the lighting stages: resolved scene and texels → irradiance.
 
+use super::effort::{PROBE_ERROR, cell_settings, probe_error};
 use super::observer::{Counts, FoundSoFar, Observer, REFINE, Refinement, Solution};
 use crate::accel::Accel;
 use crate::atlas::{Atlas, Texels};
 use crate::gather::{
     self, CellSettings, Direct, DirectSettings, Emission, Footprint, GatherStart, Gathering, Grouped, Indirect, Lamp,
-    Lamps, Lightmap, LitScene, Portals, Probe, ProbeSettings, Smooth, Source,
+    Lamps, Lightmap, LitScene, Portals, Probe, Smooth, Source,
 };
 use crate::hierarchy::{self, Hierarchy, Side, Surface, Surfels};
 use crate::output::report::StageClock;
@@ -27,16 +28,7 @@ const SURVEY_RAYS: u32 = 16;
 /// Shadow rays per lamp of an element that has no texels of its own.
 const ELEMENT_RAYS: u32 = 16;
 /// Rays per element of the first bounce.
-const BOUNCE_RAYS: usize = 32;
-
-/// Share of the scene's mean irradiance below which errors of a texel count as if it were that bright.
-const FLOOR: f32 = 0.25;
-/// Times the scene's mean irradiance above which they count as if it were that bright.
-const CEILING: f32 = 1.0;
-/// Standard error of a probe, in errors of the lightmap.
-const PROBE_ERROR: f32 = 0.8;
-/// Most rays that one probe casts on top of one per stratum, for an error of 2 %.
-const MOST_RAYS: f32 = 1800.0;
+const BOUNCE_RAYS: usize = 24;
 
 /// Patches that tell how light changes with reflectances.
 pub struct TexelPatches {
@@ -171,8 +163,12 @@ impl Solved<'_> {
 
     /// About the mean irradiance of the lightmap, W/m².
     fn mean(&self) -> f32 {
-        let LitScene { surfels, hierarchy, direct, .. } = self.lit;
-        mean(surfels.texels, &direct.irradiance, hierarchy, &self.solution.bounce.irradiance)
+        mean(&self.lit, &self.solution.bounce.irradiance)
+    }
+
+    /// How finely it is gathered.
+    fn cell_settings(&self) -> CellSettings {
+        cell_settings(self.error, self.solution.probe_error, self.mean())
     }
 
     /// The probes of all cells that hold a `wanted` texel, by texel. `watch` is called now and then with those so far.
@@ -183,7 +179,7 @@ impl Solved<'_> {
     ) -> Result<Vec<(u32, Probe)>, Cancelled> {
         let LitScene { atlas, surfels, footprint, .. } = self.lit;
         let before = std::mem::take(&mut self.probes);
-        let (source, settings) = (self.source(), cell_settings(self.error, self.mean()));
+        let (source, settings) = (self.source(), self.cell_settings());
         let start = GatherStart { wanted, probes: before, ..GatherStart::default() };
         let mut watch = |gathering: &Gathering| watch(gathering.probes());
         let indirect = self.clock.measure(Stage::Gather, || {
@@ -225,7 +221,7 @@ impl Solved<'_> {
                     Some(draft(Milestone::Gather, direct, &irradiance, squares, usable).into())
                 });
             };
-            let settings = cell_settings(self.error, mean);
+            let settings = self.cell_settings();
             gather::indirect(&source, atlas, texels, footprint, &settings, start, &mut watch, progress)
         })?;
         counts.solver.probes = indirect.probes.len() as u64;
@@ -304,7 +300,11 @@ fn solution(
     counts.rays.insert("link".into(), linked.rays);
     counts.rays.insert("survey".into(), survey.rays + (BACK_RAYS as usize * tree.elements.len()) as u64);
     counts.rays.insert("bounce".into(), bounce.rays);
-    Ok(Solution { backs, bounce, counts })
+    let source = Source::new(*lit, &bounce.irradiance, &bounce.groups, Some(&bounce.guide));
+    let mean = mean(lit, &bounce.irradiance);
+    let (probe_error, tried) = probe_error(&source, lit.footprint, error, lit.direct.noise, mean);
+    counts.rays.insert("trial".into(), tried);
+    Ok(Solution { backs, bounce, probe_error, counts })
 }
 
 /// What an audit finds wanting, gathered more finely: the lightmap's direct light in place, the rest anew from what it was.
@@ -330,20 +330,21 @@ fn gather_again(
     let kept = 1.0 - wanted.iter().filter(|&&w| w).count() as f64 / texels.len() as f64;
     let start = GatherStart { irradiance: before.irradiance, groups: before.groups, wanted, probes: Vec::new() };
     let mut indirect = clock.measure(Stage::Gather, || {
-        gather::indirect(source, atlas, texels, footprint, &cell_settings(error, mean), start, &mut |_| (), progress)
+        gather::indirect(
+            source,
+            atlas,
+            texels,
+            footprint,
+            &cell_settings(error, PROBE_ERROR, mean),
+            start,
+            &mut |_| (),
+            progress,
+        )
     })?;
     indirect.squared_error += kept * before.squared_error;
     *counts.rays.entry(REFINE.into()).or_default() += cast + indirect.rays;
     counts.solver.probes += indirect.probes.len() as u64;
     Ok(indirect)
-}
-
-/// How finely the final gather works for a relative error of the lightmap, whose mean is about `mean`, W/m².
-fn cell_settings(error: f32, mean: f32) -> CellSettings {
-    // Enough to halve the error by four times the rays, but no endless run.
-    let extra = (MOST_RAYS * (0.02 / error).powi(2)).min(1e6) as u32;
-    let probe = ProbeSettings { extra, tolerance: PROBE_ERROR * error, floor: FLOOR * mean, ceiling: CEILING * mean };
-    CellSettings { tolerance: 0.5 * error, probe }
 }
 
 /// Which emission rays meet, and all lamps: those of the scene, emitters that are sent like lamps, and bright parts of
@@ -427,11 +428,12 @@ fn means(surfels: &Surfels, tree: &Hierarchy, of: impl Fn(u32) -> Rgb) -> Vec<Rg
     tree.elements.iter().map(|e| mean(e.surfels.clone())).collect()
 }
 
-/// Area-weighted mean irradiance over all texels, W/m², mean of channels.
-fn mean(texels: &Texels, direct: &[Rgb], tree: &Hierarchy, rest: &[Rgb]) -> f32 {
+/// Area-weighted mean irradiance over all texels, W/m², mean of channels, where `rest` is that of receivers from everything
+/// but lamps.
+fn mean(lit: &LitScene, rest: &[Rgb]) -> f32 {
     let (mut sum, mut area) = (0.0f64, 0.0f64);
-    for (t, (&direct, &a)) in direct.iter().zip(&texels.area).enumerate() {
-        let other = tree.element_of(t as u32, Side::Front).map_or(Rgb::ZERO, |e| rest[e as usize]);
+    for (t, (&direct, &a)) in lit.direct.irradiance.iter().zip(&lit.surfels.texels.area).enumerate() {
+        let other = lit.hierarchy.element_of(t as u32, Side::Front).map_or(Rgb::ZERO, |e| rest[e as usize]);
         sum += ((direct + other).element_sum() / 3.0 * a) as f64;
         area += a as f64;
     }

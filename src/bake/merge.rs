@@ -92,11 +92,14 @@ fn all_probes(files: &[PathBuf], solution: &SolutionHead, groups: usize, folder:
                 Entry::Vacant(place) => {
                     place.insert((i, probe));
                 }
-                Entry::Occupied(place) if place.get().1 != probe => {
-                    let part = |i: usize| (files[i].clone(), held[i].clone());
-                    return Err(PartError::Conflict(part(place.get().0), part(i)));
+                Entry::Occupied(mut place) => {
+                    // Cells of two tiles may want the same probe with more and with less care.
+                    let Some(further) = place.get().1.further(&probe).cloned() else {
+                        let part = |i: usize| (files[i].clone(), held[i].clone());
+                        return Err(PartError::Conflict(part(place.get().0), part(i)));
+                    };
+                    place.get_mut().1 = further;
                 }
-                Entry::Occupied(_) => {}
             }
         }
     }

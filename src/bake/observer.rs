@@ -28,6 +28,8 @@ pub struct Solution {
     pub backs: Vec<bool>,
     /// Irradiance of all receivers.
     pub bounce: Bounce,
+    /// Standard error of a probe, in errors of the lightmap.
+    pub probe_error: f32,
     /// What it took.
     pub counts: Counts,
 }

@@ -189,7 +189,11 @@ fn write(
     probes: &[(u32, Probe)],
     before: &[(u32, Probe)],
 ) -> Result<(), OutputError> {
-    let by_texel: BTreeMap<u32, &Probe> = before.iter().chain(probes).map(|(texel, probe)| (*texel, probe)).collect();
+    let mut by_texel: BTreeMap<u32, &Probe> = BTreeMap::new();
+    for (texel, probe) in before.iter().chain(probes) {
+        let held = by_texel.entry(*texel).or_insert(probe);
+        *held = held.further(probe).unwrap_or(probe);
+    }
     let content: Vec<(u32, &Probe)> = by_texel.into_iter().collect();
     solved::write_tiles(file, &TilesHead::new(solution, whole.clone()), &content)
 }

@@ -1,48 +1,39 @@
 //! Shares probes between texels: every chart is covered by cells with a probe at each corner; a cell whose corners
-//! do not foretell what lies between them is split, down to single texels.
+//! do not foretell what lies between them is split, down to single texels. Where probes are close, they are rough at
+//! first, and what they find is put together in the end.
 //!
-//! A probe depends on its texel alone and a cell on its own probes alone, so that any subset of charts can be gathered
-//! anywhere with the same bits.
-//! Based on: Ward, Rubinstein, Clear, "A Ray Tracing Solution for Diffuse Interreflection", 1988 (how far irradiance
-//! reaches follows from the harmonic mean distance to what is seen).
+//! A probe depends on its texel alone, and whether a cell is split on its own probes alone, so that any subset of charts
+//! can be gathered anywhere with the same bits.
 
 mod blend;
 mod draft;
+mod fill;
+mod judge;
+mod rough;
 mod tiles;
 
 pub use draft::Gathering;
 pub use tiles::Tiles;
 
 use super::footprint::Footprint;
-use super::probe::{Probe, ProbeSettings};
+use super::probe::{Care, Probe, ProbeSettings, Told};
 use super::source::Source;
-use super::tally::{Grouped, share_out};
+use super::tally::Grouped;
 use crate::atlas::{Atlas, NO_TEXEL, Texels};
 use crate::progress::{Cancelled, Counter, Progress, Stage};
 use crate::scene::Rgb;
-use blend::Blend;
+use fill::{Filled, Outcome};
 use glam::Vec2;
+use judge::Verdict;
 use rayon::prelude::*;
 use std::collections::HashMap;
 
 /// Texels along a side of the largest cells.
 const SPACING: u32 = 16;
-/// Share of the irradiance that linear interpolation over one harmonic mean distance gets wrong.
-const CURVATURE: f32 = 0.06;
-/// Share of the difference between corners that may be curvature.
-const BEND: f32 = 0.08;
-/// A cell whose corners were foretold exactly still is this share as bad as its surroundings suggest.
-const TRUST: f32 = 0.3;
-/// Texels along a side from which on a cell is also looked at in its middle.
-const CHECKED: u32 = 4;
-/// Mean over a cell of the square of an error that is one in its middle and falls to none at its corners.
-const SAG: f32 = 0.28;
-/// Share of the irradiance that interpolation misses at most, as far as is foretold.
-const MOST_OFF: f32 = 0.5;
+/// Texels along a side of cells up to which rough probes that are smoothed will do as corners.
+const CLOSE: u32 = 3;
 /// Probes between two looks at the gather.
 const BATCH: usize = 4096;
-/// Cosine of the largest angle between a texel's normal and the one interpolated for it.
-const COS_NORMAL: f32 = 0.99;
 
 /// How fine the cells become.
 #[derive(Clone, Copy, Debug)]
@@ -91,19 +82,19 @@ struct State<'a> {
     probe_of: Vec<u32>,
     /// Texels and their probes, in the order in which they were wanted.
     probes: Vec<(u32, Probe)>,
+    /// What stands for rough probes in the end, by their number.
+    smoothed: HashMap<u32, Probe>,
     /// Probes that were gathered before, by texel. They count once they are wanted.
     kept: HashMap<u32, Probe>,
 }
 
-/// What the corners of a cell say of it.
+/// Which look of a probe counts.
 #[derive(Clone, Copy)]
-enum Verdict {
-    /// Interpolation will do.
-    Fine,
-    /// It will not.
-    Split,
-    /// It will do if the corners foretell the probe of this texel.
-    Ask(u32),
+enum Look {
+    /// The first, whoever else has asked for a better one: cells then depend on nothing but themselves.
+    First,
+    /// The best by now.
+    Best,
 }
 
 const NO_PROBE: u32 = u32::MAX;
@@ -152,30 +143,45 @@ pub fn indirect(
     let mut groups = if irradiance.is_empty() { Grouped::new(source.groups(), texels.len()) } else { groups };
     irradiance.resize(texels.len(), Rgb::ZERO);
     let kept = kept.into_iter().collect();
-    let mut state = State { source, atlas, texels, footprint, settings, probe_of, probes, kept };
+    let mut state =
+        State { source, atlas, texels, footprint, settings, probe_of, probes, smoothed: HashMap::new(), kept };
     let mut cells: Vec<Cell> = (0..atlas.charts.len()).flat_map(|c| state.lattice(c)).collect();
     if !wanted.is_empty() {
         cells.retain(|cell| state.owned(cell).iter().any(|&(t, _)| wanted[t as usize]));
     }
     let counter = Counter::new(progress, Stage::Gather, cells.par_iter().map(|cell| state.owned(cell).len()).sum());
-    let mut squared_error = 0.0;
+    let (mut finished, mut squared_error) = (Vec::new(), 0.0);
     while !cells.is_empty() {
         let corners: Vec<[u32; 4]> = cells.par_iter().map(|c| state.corners(c)).collect();
         let mut look =
             |state: &State| watch(&Gathering { state, cells: &cells, irradiance: &irradiance, squared_error });
         state.gather(corners.iter().flatten().copied(), &mut look, progress)?;
         let verdicts: Vec<Verdict> =
-            cells.par_iter().zip(&corners).map(|(c, &corners)| state.judge(c, corners)).collect();
+            cells.par_iter().zip(&corners).map(|(c, &corners)| state.judge(c, corners, Look::First)).collect();
         let middles = verdicts.iter().filter_map(|verdict| if let Verdict::Ask(t) = verdict { Some(*t) } else { None });
-        state.gather(middles, &mut look, progress)?;
+        // Rough probes tell where light bends, but those that many texels hang on must be known well.
+        let is_large = |cell: &Cell, verdict: &Verdict| cell.size() > CLOSE && !matches!(verdict, Verdict::Split);
+        let large = cells.iter().zip(&corners).zip(&verdicts).filter(|((cell, _), verdict)| is_large(cell, verdict));
+        state.refine(large.flat_map(|((_, &corners), _)| corners), &mut look, progress)?;
+        state.gather(middles.clone(), &mut look, progress)?;
+        state.refine(middles, &mut look, progress)?;
+        let verdicts: Vec<Verdict> = cells
+            .par_iter()
+            .zip(&corners)
+            .zip(verdicts)
+            .map(|((cell, &corners), verdict)| match is_large(cell, &verdict) {
+                true => state.judge(cell, corners, Look::Best),
+                false => verdict,
+            })
+            .collect();
         let outcomes: Vec<Outcome> = cells
             .par_iter()
             .zip(&corners)
             .zip(&verdicts)
             .map(|((cell, &corners), &verdict)| {
                 let outcome = state.settle(cell, corners, verdict);
-                if let Outcome::Done { values, .. } = &outcome {
-                    counter.advance(values.len())?;
+                if let Outcome::Done(_, filled) = &outcome {
+                    counter.advance(filled.values.len())?;
                 }
                 Ok(outcome)
             })
@@ -184,29 +190,21 @@ pub fn indirect(
         for outcome in outcomes {
             match outcome {
                 Outcome::Split(children) => cells.extend(children),
-                Outcome::Done { values, groups: parts, squared_error: square } => {
-                    squared_error += square;
-                    for (i, (texel, value)) in values.into_iter().enumerate() {
-                        irradiance[texel as usize] = value;
-                        groups.of_mut(texel as usize).copy_from_slice(parts.of(i));
-                    }
+                Outcome::Done(cell, filled) => {
+                    squared_error += filled.squared_error;
+                    filled.write(&mut irradiance, &mut groups);
+                    finished.push(cell);
                 }
             }
         }
     }
+    let mut look = |state: &State| watch(&Gathering { state, cells: &[], irradiance: &irradiance, squared_error });
+    state.smooth(&finished, &mut look, progress)?;
+    let filled: Vec<Filled> = finished.par_iter().map(|cell| state.fill(cell)).collect();
+    let squared_error = filled.iter().map(|filled| filled.squared_error).sum();
+    filled.iter().for_each(|filled| filled.write(&mut irradiance, &mut groups));
     let rays = state.probes.iter().map(|(_, p)| p.rays as u64).sum();
     Ok(Indirect { irradiance, groups, squared_error, probes: state.probes, rays })
-}
-
-enum Outcome {
-    Split(Vec<Cell>),
-    /// Texels with their irradiance, whole and by light group, and the sum of their squared errors as far as these are
-    /// known.
-    Done {
-        values: Vec<(u32, Rgb)>,
-        groups: Grouped,
-        squared_error: f64,
-    },
 }
 
 impl State<'_> {
@@ -272,14 +270,14 @@ impl State<'_> {
         let mut wanted: Vec<u32> = wanted.filter(|&t| t != NO_TEXEL && self.probe_of[t as usize] == NO_PROBE).collect();
         wanted.sort_unstable();
         wanted.dedup();
-        let Self { source, footprint, settings, .. } = *self;
         for wanted in wanted.chunks(BATCH) {
             let kept = &self.kept;
             let new: Vec<Probe> = wanted
                 .par_iter()
                 .map(|&t| {
-                    let gathered = || Probe::gather(source, footprint, t, &settings.probe);
-                    let probe = kept.get(&t).cloned().unwrap_or_else(gathered);
+                    // One that was refined counts as such once this gather asks for that.
+                    let first = kept.get(&t).map(|probe| probe.first().clone());
+                    let probe = first.unwrap_or_else(|| self.gathered(t, self.is_rough(t)));
                     if progress.is_cancelled() { Err(Cancelled) } else { Ok(probe) }
                 })
                 .collect::<Result<_, Cancelled>>()?;
@@ -292,100 +290,50 @@ impl State<'_> {
         Ok(())
     }
 
+    /// Takes those of the probes `wanted` further that are rough.
+    fn refine(
+        &mut self,
+        wanted: impl Iterator<Item = u32>,
+        look: &mut dyn FnMut(&State),
+        progress: &dyn Progress,
+    ) -> Result<(), Cancelled> {
+        let is_rough = |&t: &u32| t != NO_TEXEL && self.probe(t).care == Care::Rough;
+        let mut wanted: Vec<u32> = wanted.filter(is_rough).collect();
+        wanted.sort_unstable();
+        wanted.dedup();
+        for wanted in wanted.chunks(BATCH) {
+            let refined = |&t: &u32| match progress.is_cancelled() {
+                true => Err(Cancelled),
+                false => Ok(match self.kept.get(&t) {
+                    Some(kept) if kept.care != Care::Rough => kept.clone(),
+                    _ => self.probe(t).refined(self.gathered(t, false)),
+                }),
+            };
+            let new: Vec<Probe> = wanted.par_iter().map(refined).collect::<Result<_, _>>()?;
+            for (&t, probe) in wanted.iter().zip(new) {
+                self.probes[self.probe_of[t as usize] as usize].1 = probe;
+            }
+            look(self);
+        }
+        Ok(())
+    }
+
+    /// What the probe of a texel tells.
+    fn tells(&self, texel: u32, look: Look) -> Told {
+        match look {
+            Look::First => self.probe(texel).told_first(),
+            Look::Best => self.best(texel).told(),
+        }
+    }
+
+    /// What is known best of a texel: what it and those around it say together, once all have been asked.
+    fn best(&self, texel: u32) -> &Probe {
+        let i = self.probe_of[texel as usize] as usize;
+        self.smoothed.get(&(i as u32)).unwrap_or(&self.probes[i].1)
+    }
+
     fn probe(&self, texel: u32) -> &Probe {
         &self.probes[self.probe_of[texel as usize] as usize].1
-    }
-
-    /// What the corners say of a cell whose corners have probes. A large cell that is fine by them is also asked in its
-    /// middle, for what is narrow may pass between corners unseen.
-    fn judge(&self, cell: &Cell, corners: [u32; 4]) -> Verdict {
-        let size = cell.size();
-        if size <= 1 || corners[0] == NO_TEXEL {
-            return Verdict::Fine;
-        }
-        let owned = self.owned(cell);
-        if !owned.is_empty() && !self.is_fine(cell, corners, &owned) {
-            return Verdict::Split;
-        }
-        let middle = || self.texel(cell.chart, (cell.x[0] + cell.x[1]) / 2, (cell.y[0] + cell.y[1]) / 2);
-        match middle().filter(|&t| size >= CHECKED && !self.footprint.is_hidden(t)) {
-            Some(middle) if !owned.is_empty() => Verdict::Ask(middle),
-            _ => Verdict::Fine,
-        }
-    }
-
-    /// Splits the cell, or interpolates its texels.
-    fn settle(&self, cell: &Cell, corners: [u32; 4], verdict: Verdict) -> Outcome {
-        if corners[0] == NO_TEXEL {
-            // Nothing in reach can be lit.
-            let values: Vec<_> = self.owned(cell).into_iter().map(|(t, _)| (t, Rgb::ZERO)).collect();
-            let groups = Grouped::new(self.source.groups(), values.len());
-            return Outcome::Done { values, groups, squared_error: 0.0 };
-        }
-        let blend = Blend::new(self, &Rect { x: cell.x, y: cell.y, corners });
-        let asked = match verdict {
-            Verdict::Split => return Outcome::Split(split(cell, corners)),
-            Verdict::Ask(middle) if !self.is_foretold(corners, &blend, middle) => {
-                return Outcome::Split(split(cell, corners));
-            }
-            Verdict::Ask(middle) => Some(middle),
-            Verdict::Fine => None,
-        };
-        let value = |(t, p): (u32, Vec2)| {
-            // One probe more in the middle of a smooth cell would show as a dot.
-            let e = match self.probe_of[t as usize] {
-                own if own == NO_PROBE || asked == Some(t) => self.told(corners, &blend, p).max(Rgb::ZERO),
-                own => self.probes[own as usize].1.irradiance,
-            };
-            (t, e)
-        };
-        let owned = self.owned(cell);
-        let values: Vec<_> = owned.iter().copied().map(value).collect();
-        let mut groups = Grouped::new(self.source.groups(), owned.len());
-        if groups.groups() > 0 {
-            for (i, (&(t, p), &(_, whole))) in owned.iter().zip(&values).enumerate() {
-                let row = groups.of_mut(i);
-                match self.probe_of[t as usize] {
-                    own if own == NO_PROBE || asked == Some(t) => self.told_groups(corners, &blend, p, row),
-                    own => row.copy_from_slice(&self.probes[own as usize].1.groups),
-                }
-                share_out(whole, row);
-            }
-        }
-        let noise = corners.iter().map(|&c| self.probe(c).error.powi(2)).sum::<f32>() / 4.0;
-        let bend = match asked {
-            Some(middle) => SAG * self.miss(corners, &blend, middle).powi(2),
-            None if cell.size() > 1 => self.likely_error(cell.parent.as_ref(), corners).powi(2),
-            None => 0.0,
-        };
-        let squared_error = f64::from(noise + bend) * values.len() as f64;
-        Outcome::Done { values, groups, squared_error }
-    }
-
-    /// What [`State::told`] says, by light group.
-    fn told_groups(&self, corners: [u32; 4], blend: &Blend, p: Vec2, row: &mut [Rgb]) {
-        for (corner, weight) in corners.into_iter().zip(blend.weights(p)) {
-            row.iter_mut().zip(&self.probe(corner).groups).for_each(|(sum, &e)| *sum += e * weight);
-        }
-    }
-
-    /// Irradiance at a page position as the corners have it, W/m².
-    fn told(&self, corners: [u32; 4], blend: &Blend, p: Vec2) -> Rgb {
-        blend.value(p, |k| self.probe(corners[k]).irradiance)
-    }
-
-    /// By how much the corners miss the probe of a texel, W/m², mean of channels.
-    fn miss(&self, corners: [u32; 4], blend: &Blend, texel: u32) -> f32 {
-        let [x, y] = self.texels.pixel[texel as usize].map(f32::from);
-        (self.told(corners, blend, Vec2::new(x, y)) - self.probe(texel).irradiance).element_sum().abs() / 3.0
-    }
-
-    /// True if the corners foretell the probe of the texel in the middle.
-    fn is_foretold(&self, corners: [u32; 4], blend: &Blend, middle: u32) -> bool {
-        let found = self.probe(middle);
-        let all = found.irradiance.element_sum() / 3.0 + self.source.direct(middle);
-        let tolerance = self.settings.tolerance * self.settings.probe.yardstick(all);
-        self.miss(corners, blend, middle) <= 2.0 * tolerance + 2.0 * found.error
     }
 
     /// Texels that the cell must fill, with their page positions.
@@ -400,73 +348,6 @@ impl State<'_> {
             }
         }
         out
-    }
-
-    /// Largest distance between corners on a diagonal, shortened to how far the middle is, and harmonic mean distance to
-    /// what they see, metres.
-    fn size_and_reach(&self, corners: [u32; 4]) -> (f32, f32) {
-        let position = |k: usize| self.texels.position[corners[k] as usize];
-        let size = position(0).distance(position(3)).max(position(1).distance(position(2))) * 0.7;
-        (size, corners.map(|c| self.probe(c).distance).into_iter().fold(f32::INFINITY, f32::min))
-    }
-
-    /// Mean irradiance of the corners, W/m², mean of channels.
-    fn mean(&self, corners: [u32; 4]) -> f32 {
-        corners.iter().map(|&c| self.probe(c).irradiance.element_sum() / 3.0).sum::<f32>() / 4.0
-    }
-
-    /// By how much interpolation between the corners is expected to miss, W/m², mean of channels.
-    fn expected_error(&self, parent: Option<&Rect>, corners: [u32; 4]) -> f32 {
-        let probes = corners.map(|c| self.probe(c));
-        let values = probes.map(|p| p.irradiance.element_sum() / 3.0);
-        let mean = self.mean(corners);
-        let noise = probes.iter().map(|p| p.error).fold(0.0, f32::max);
-        let low = values.iter().copied().fold(f32::INFINITY, f32::min);
-        let high = values.iter().copied().fold(0.0, f32::max);
-        let (size, reach) = self.size_and_reach(corners);
-        let ratio = size / reach.max(1e-12);
-        let mut expected = CURVATURE * ratio * ratio * mean + BEND * (high - low - 2.0 * noise).max(0.0);
-        if let Some(parent) = parent {
-            let blend = Blend::new(self, parent);
-            let miss = corners.map(|c| self.miss(parent.corners, &blend, c)).into_iter().fold(0.0, f32::max);
-            // Halving a cell quarters its curvature; what was foretold well needs no further cut.
-            expected = expected.min((0.5 * miss).max(TRUST * expected));
-        }
-        expected
-    }
-
-    /// The same without the caution that makes cells fine in time.
-    fn likely_error(&self, parent: Option<&Rect>, corners: [u32; 4]) -> f32 {
-        self.expected_error(parent, corners).min(MOST_OFF * self.mean(corners))
-    }
-
-    /// True if interpolation between the corners is expected to stay within the tolerance.
-    fn is_fine(&self, cell: &Cell, corners: [u32; 4], owned: &[(u32, Vec2)]) -> bool {
-        let (source, settings) = (self.source, self.settings);
-        let t = self.texels;
-        let mean = self.mean(corners);
-        let direct = corners.map(|c| source.direct(c)).into_iter().fold(f32::INFINITY, f32::min);
-        let tolerance = settings.tolerance * settings.probe.yardstick(mean + direct);
-        if self.expected_error(cell.parent.as_ref(), corners) > tolerance {
-            return false;
-        }
-        let (size, reach) = self.size_and_reach(corners);
-        // What something stands on shares no light with what lies around.
-        let covered = self.footprint.covered();
-        let first = covered[corners[0] as usize];
-        if corners.iter().chain(owned.iter().map(|(t, _)| t)).any(|&t| covered[t as usize] != first) {
-            return false;
-        }
-        // Folds and steps in the surface show in normals and positions before they show in light.
-        let slack = 0.02 * reach + 0.25 * size / cell.size().max(1) as f32;
-        let blend = Blend::new(self, &Rect { x: cell.x, y: cell.y, corners });
-        owned.iter().all(|&(texel, p)| {
-            let n = blend.value(p, |k| t.shading_normal[corners[k] as usize]);
-            let at = blend.value(p, |k| t.position[corners[k] as usize]);
-            let i = texel as usize;
-            n.dot(t.shading_normal[i]) >= COS_NORMAL * n.length()
-                && at.distance(t.position[i]) <= slack.max(size * 0.25)
-        })
     }
 }
 

@@ -143,9 +143,13 @@ pub fn texel_direct(
         // `part` holds what would arrive unblocked until it is known what does.
         look.glance(&mut seen, &mut part)?;
         look.closer(&mut seen, &part)?;
+        let shared = look.shared(&mut seen, &part)?;
+        // What those around have told is put in place of what a texel saw alone.
+        shared.iter().for_each(|&(t, share, variance)| seen[t as usize] = Visibility::known(share, variance));
         let chunks = part.par_chunks_mut(CHUNK).zip(seen.par_chunks(CHUNK)).zip(&mut noise);
-        chunks.try_for_each(|((part, seen), noise)| {
-            for (e, seen) in part.iter_mut().zip(seen) {
+        chunks.enumerate().try_for_each(|(chunk, ((part, seen), noise))| {
+            for (i, (e, seen)) in part.iter_mut().zip(seen).enumerate() {
+                *e *= footprint.lit((chunk * CHUNK + i) as u32);
                 *noise += f64::from(e.element_sum() / 3.0).powi(2) * f64::from(seen.variance());
                 *e *= seen.share();
             }
@@ -190,7 +194,7 @@ pub fn closer_direct(
                 let most = settings.penumbra(free.max_element(), yardstick(*e, mean));
                 cast += lamps.test(&aim, seed, most, point, &mut look);
             }
-            let light = free * look.share();
+            let light = free * look.share() * footprint.lit(texel);
             sum += light;
             if let Some(part) = row.get_mut(usize::from(lamps.group(lamp))) {
                 *part += light;

@@ -7,6 +7,7 @@ use crate::math::shifted;
 use crate::progress::{Cancelled, Progress};
 use crate::scene::Scene;
 use glam::Vec2;
+use half::f16;
 use rayon::prelude::*;
 
 /// Tries to find a point of a cell that the chart covers in part.
@@ -23,6 +24,8 @@ pub struct Footprint<'a> {
     bent: Vec<bool>,
     /// Texels that lie wholly inside other geometry.
     hidden: Vec<bool>,
+    /// Share of each texel that its cells hold.
+    lit: Vec<f16>,
     /// Share of each texel that nothing stands on.
     open: Vec<f32>,
     /// Texels of which nothing is open.
@@ -75,6 +78,7 @@ impl<'a> Footprint<'a> {
             cells: facts.iter().map(|f| f.cells).collect(),
             bent: facts.iter().map(|f| f.bent).collect(),
             hidden: facts.iter().map(|f| f.hidden).collect(),
+            lit: facts.iter().map(|f| f16::from_f32(f.lit)).collect(),
             open: facts.iter().map(|f| f.open).collect(),
             covered: facts.iter().map(|f| f.open == 0.0).collect(),
             parted: facts.iter().map(|f| f.parted).collect(),
@@ -123,6 +127,18 @@ impl<'a> Footprint<'a> {
     /// Per texel: the share of it that nothing stands on, 0..=1. Only that part is seen by others.
     pub fn open(&self) -> &[f32] {
         &self.open
+    }
+
+    /// True if geometry may hide a lamp from a small part of the texel without that its neighbours tell.
+    pub fn is_touched(&self, texel: u32) -> bool {
+        let t = texel as usize;
+        self.crossed[t] || self.parted[t] || self.open[t] > 0.0 && self.open[t] < 1.0 || self.lit(texel) < 1.0
+    }
+
+    /// Share of a texel that its [usable part](Self::usable) holds, 0..=1: the rest lies inside other geometry and is
+    /// dark. That of a hidden texel is one, for its value is no mean.
+    pub fn lit(&self, texel: u32) -> f32 {
+        self.lit[texel as usize].to_f32()
     }
 
     /// The usable part of a texel.

@@ -1,6 +1,7 @@
 //! How much of one lamp every texel sees: by few rays where a texel and its neighbours agree that they see all or nothing
 //! of it, by many in penumbrae, whose ends are followed outward until nothing more of them is found.
 
+use super::alike::Alike;
 use super::direct::{DirectSettings, aim, unoccluded, yardstick};
 use super::footprint::Footprint;
 use super::visibility::{Lamps, Seen, Visibility};
@@ -12,17 +13,22 @@ use rayon::prelude::*;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 /// Texels per parallel task.
-const CHUNK: usize = 1024;
+pub(super) const CHUNK: usize = 1024;
 /// The same where each casts many rays.
-const FEW: usize = 64;
+pub(super) const FEW: usize = 64;
 /// Texels to each side whose view of a lamp tells whether a texel's own needs a closer look.
 const AROUND: i64 = 2;
 /// The same at the ends of penumbrae.
-const NEXT: i64 = 1;
+pub(super) const NEXT: i64 = 1;
 /// Times the rays that a texel casts if its neighbourhood disagrees.
 pub(super) const CLOSER: u32 = 4;
+/// Share of the rays of a penumbra that show whether a texel beside it is in it.
+const EDGE: u32 = 8;
 /// Share of a lamp that is hidden or seen so little that next door it may seem to be neither.
 const END: f32 = 0.25;
+
+/// Times the rays of a penumbra that a texel casts alone which it casts where it shares what it sees.
+const SPARED: u32 = 2;
 
 /// One lamp and its receivers.
 pub(super) struct Look<'a> {
@@ -58,6 +64,8 @@ impl Look<'_> {
                 }
                 let base = if self.lamps.is_sky(self.lamp) {
                     self.settings.sky(free.max_element(), yardstick(self.so_far[texel as usize], self.mean))
+                } else if self.footprint.is_touched(texel) {
+                    CLOSER * self.settings.base
                 } else {
                     self.settings.base
                 };
@@ -99,7 +107,7 @@ impl Look<'_> {
     }
 
     /// What tries samples of the lamp from a texel until there are so many, and returns the rays that took.
-    fn tester(&self, texel: u32) -> Option<impl Fn(u32, &mut Visibility) -> u64> {
+    pub(super) fn tester(&self, texel: u32) -> Option<impl Fn(u32, &mut Visibility) -> u64> {
         let sender = self.lamps.get(self.lamp, &self.footprint.centre(texel))?;
         let (usable, aim) = (self.footprint.usable(texel), aim(sender, self.texels, self.footprint, texel));
         let seed = hash2(texel, self.lamp as u32);
@@ -109,16 +117,35 @@ impl Look<'_> {
     /// Looks closer from a texel: at the end of a penumbra closer than beside one. Returns the rays cast.
     fn at_texel(&self, texel: u32, seen: &mut Visibility, free: Rgb, is_end: bool) -> u64 {
         let Some(test) = self.tester(texel) else { return 0 };
-        let penumbra = |seen: &Visibility| {
-            let around = yardstick(self.so_far[texel as usize] + free * seen.share(), self.mean);
-            self.settings.penumbra(free.max_element(), around)
+        let fewer = if self.is_shared(texel) { SPARED } else { 1 };
+        let penumbra = |seen: &Visibility| (self.penumbra(texel, free, seen) / fewer).max(CLOSER * self.settings.base);
+        let count = match seen.seen() {
+            // Those around help to tell how much it is.
+            Seen::Part => CLOSER * seen.tried / fewer,
+            _ if is_end => penumbra(seen).min(self.settings.at_end()),
+            _ => (CLOSER * seen.tried).max(penumbra(seen) / EDGE),
         };
-        let count = if is_end { penumbra(seen).min(self.settings.at_end()) } else { CLOSER * seen.tried };
         let mut cast = test(count, seen);
         if seen.seen() == Seen::Part {
             cast += test(penumbra(seen), seen);
         }
         cast
+    }
+
+    /// Rays of a texel that sees part of the lamp.
+    pub(super) fn penumbra(&self, texel: u32, free: Rgb, seen: &Visibility) -> u32 {
+        let around = yardstick(self.so_far[texel as usize] + free * seen.share(), self.mean);
+        self.settings.penumbra(free.max_element(), around)
+    }
+
+    /// True if a texel puts what it sees of the lamp together with those around: through openings the sky is seen in part
+    /// from all over a room.
+    pub(super) fn is_shared(&self, texel: u32) -> bool {
+        self.lamps.is_sky(self.lamp) && self.alike().is_shared(texel)
+    }
+
+    pub(super) fn alike(&self) -> Alike<'_> {
+        Alike { atlas: self.atlas, texels: self.texels, footprint: self.footprint }
     }
 
     /// True if a neighbour on the same chart sees the lamp differently. Looking no farther than next door would leave many

@@ -1,5 +1,6 @@
 //! Final gather: irradiance per texel from lamps (sent, with shared visibility) and from everything else (probed).
 
+mod alike;
 mod bounce;
 mod cells;
 mod choice;
@@ -20,6 +21,7 @@ mod probe;
 mod region;
 mod secondary;
 mod sending;
+mod shared;
 mod smooth;
 mod source;
 mod tally;

@@ -25,6 +25,12 @@ fn cell_centre(bit: u32) -> Vec2 {
     (Vec2::new((bit % GRID) as f32, (bit / GRID) as f32) + Vec2::splat(0.5)) / GRID as f32
 }
 
+/// The middles of a cell's quarters.
+fn quarters(bit: u32) -> [Vec2; 4] {
+    let shift = 0.25 / GRID as f32;
+    [(-shift, -shift), (shift, -shift), (-shift, shift), (shift, shift)].map(|at| cell_centre(bit) + Vec2::from(at))
+}
+
 /// What is found out about one texel.
 pub(super) struct Facts {
     /// Bit `y·4 + x`: some of the cell is covered by the chart and not inside other geometry.
@@ -33,6 +39,8 @@ pub(super) struct Facts {
     pub(super) bent: bool,
     /// All of it lies inside other geometry.
     pub(super) hidden: bool,
+    /// Share of it that the cells hold: the rest lies inside other geometry, where it is dark.
+    pub(super) lit: f32,
     /// Share of it that nothing stands on.
     pub(super) open: f32,
     /// Geometry parts it from a neighbour on its chart.
@@ -62,19 +70,19 @@ impl<'a> View<'a> {
         let surface = self.texels.surface(self.accel.scene(), self.atlas, texel);
         let (on_chart, bent) = self.outline(&surface, texel);
         let near = near_surface(self.accel, position, normal, width);
-        let (mut cells, mut hidden) = (on_chart, false);
+        let crossed = near && self.is_crossed(&surface, texel);
+        let (mut cells, mut hidden, mut lit) = (on_chart, false, 1.0);
         if self.has_solids && (near || is_inside(self.accel, position, normal)) {
-            let free = self.free_cells(&surface, on_chart);
+            let (free, share) = self.free_cells(&surface, on_chart, crossed);
             hidden = on_chart != 0 && free == 0;
-            cells = if free == 0 { on_chart } else { free };
+            (cells, lit) = if free == 0 { (on_chart, 1.0) } else { (free, share) };
         }
         if !near {
             let open = if is_covered(self.accel, position, normal, width) { 0.0 } else { 1.0 };
-            return Facts { cells, bent, hidden, open, parted: false, crossed: false };
+            return Facts { cells, bent, hidden, lit, open, parted: false, crossed };
         }
-        let (open, parted, crossed) =
-            (self.open_share(&surface, width), self.is_parted(texel), self.is_crossed(&surface, texel));
-        Facts { cells, bent, hidden, open, parted, crossed }
+        let (open, parted) = (self.open_share(&surface, width), self.is_parted(texel));
+        Facts { cells, bent, hidden, lit, open, parted, crossed }
     }
 
     /// What a look from the texel's middle tells: whether it lies inside other geometry.
@@ -83,7 +91,7 @@ impl<'a> View<'a> {
         let (position, normal) = (self.texels.position[t], self.texels.geometric_normal[t]);
         let hidden = self.has_solids && is_inside(self.accel, position, normal);
         let open = if hidden { 0.0 } else { 1.0 };
-        Facts { cells: u16::MAX, bent: false, hidden, open, parted: false, crossed: false }
+        Facts { cells: u16::MAX, bent: false, hidden, lit: 1.0, open, parted: false, crossed: false }
     }
 
     /// The cells that the chart covers, in part or wholly, and whether the surface bends over them.
@@ -114,15 +122,28 @@ impl<'a> View<'a> {
         (if whole { u16::MAX } else { cells }, bent)
     }
 
-    /// The cells among `on_chart` that are not inside other geometry.
-    fn free_cells(&self, surface: &TexelSurface, on_chart: u16) -> u16 {
-        (0..GRID * GRID)
-            .filter(|&bit| on_chart >> bit & 1 == 1)
-            .filter(|&bit| {
-                let point = surface.sample(cell_centre(bit));
-                point.is_none_or(|p| !is_inside(self.accel, p.position, p.geometric_normal))
-            })
-            .fold(0, |mask, bit| mask | 1 << bit)
+    /// The cells among `on_chart` of which some is not inside other geometry, and the share of the texel that they hold.
+    fn free_cells(&self, surface: &TexelSurface, on_chart: u16, crossed: bool) -> (u16, f32) {
+        let is_free = |p: &SurfacePoint| !is_inside(self.accel, p.position, p.geometric_normal);
+        let bits = || (0..GRID * GRID).filter(|bit| on_chart >> bit & 1 == 1);
+        let middles = bits().filter(|&bit| surface.sample(cell_centre(bit)).is_none_or(|p| is_free(&p)));
+        let mut free = middles.fold(0u16, |mask, bit| mask | 1 << bit);
+        if free == on_chart && !crossed {
+            return (free, 1.0);
+        }
+        // What is free of a cell is found by rays; here only whether to send any.
+        let mut points = [0u32; (GRID * GRID) as usize];
+        for bit in bits() {
+            for p in quarters(bit).into_iter().filter_map(|at| surface.sample(at)) {
+                points[bit as usize] += 1;
+                if free >> bit & 1 == 0 && is_free(&p) {
+                    free |= 1 << bit;
+                }
+            }
+        }
+        let held: u32 = bits().filter(|bit| free >> bit & 1 == 1).map(|bit| points[bit as usize]).sum();
+        let all: u32 = points.iter().sum();
+        (free, if all == 0 { 1.0 } else { held as f32 / all as f32 })
     }
 
     /// Share of a texel that nothing stands on.

@@ -10,7 +10,7 @@ use super::tally::{Grouped, Sums};
 use super::visibility::Screen;
 use crate::accel::offset_origin;
 use crate::hierarchy::Side;
-use crate::math::{Sequence, cosine_hemisphere, hash2};
+use crate::math::{Sequence, cosine_hemisphere, hash2, hash3};
 use crate::scene::Rgb;
 use glam::Vec2;
 use serde::{Deserialize, Serialize};
@@ -28,6 +28,8 @@ const LOOKS: u32 = 4;
 /// Places of a stratum, in units of strata, at which the guide is asked.
 const INSIDE: [Vec2; 5] =
     [Vec2::new(0.5, 0.5), Vec2::new(0.1, 0.1), Vec2::new(0.9, 0.1), Vec2::new(0.1, 0.9), Vec2::new(0.9, 0.9)];
+/// Times as bright as others that the dark counts in gaps.
+const GAP: f32 = 2.0;
 /// Times that rays are shared out.
 const ROUNDS: u32 = 2;
 
@@ -46,6 +48,16 @@ pub struct ProbeSettings {
 }
 
 impl ProbeSettings {
+    /// The same for a standard error that is `times` as large.
+    pub fn rough(self, times: f32) -> Self {
+        Self { extra: (self.extra as f32 / (times * times)) as u32, tolerance: self.tolerance * times, ..self }
+    }
+
+    /// The same for a texel in a gap, such as between a thing and the floor that it stands on: hardly anything sees it.
+    fn in_gap(self) -> Self {
+        Self { floor: self.floor * GAP, ..self }
+    }
+
     /// Irradiance by which errors are measured where all light together is `irradiance`, W/m².
     pub fn yardstick(&self, irradiance: f32) -> f32 {
         irradiance.min(self.ceiling) + self.floor
@@ -65,16 +77,78 @@ pub struct Probe {
     pub error: f32,
     /// Rays cast.
     pub rays: u32,
+    /// How far it was taken.
+    pub care: Care,
+}
+
+/// How far a probe was taken.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub enum Care {
+    /// To the error that the lightmap asks for, at once.
+    #[default]
+    Full,
+    /// To a larger one, which its neighbours make up for.
+    Rough,
+    /// To the error asked for, after this rough one.
+    Refined(Box<Probe>),
+}
+
+/// What a probe tells of its place.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Told {
+    /// W/m².
+    pub irradiance: Rgb,
+    /// Harmonic mean distance to what is seen, metres.
+    pub distance: f32,
+    /// Standard error of the irradiance's mean channel, W/m².
+    pub error: f32,
 }
 
 impl Probe {
-    /// Gathers at `texel`. Rays start all over the texel's usable part, so that the value is its mean.
-    pub fn gather(source: &Source, footprint: &Footprint, texel: u32, settings: &ProbeSettings) -> Self {
+    /// What it tells by now.
+    pub fn told(&self) -> Told {
+        Told { irradiance: self.irradiance, distance: self.distance, error: self.error }
+    }
+
+    /// What its first look told.
+    pub fn told_first(&self) -> Told {
+        self.first().told()
+    }
+
+    /// This, a rough probe, taken further by a full one of the same texel.
+    pub fn refined(&self, full: Self) -> Self {
+        Self { rays: self.rays + full.rays, care: Care::Refined(Box::new(self.clone())), ..full }
+    }
+
+    /// The probe as it was first.
+    pub fn first(&self) -> &Self {
+        match &self.care {
+            Care::Refined(rough) => rough,
+            _ => self,
+        }
+    }
+
+    /// The one of two probes of a texel that was taken further; none if they cannot both be right.
+    pub fn further<'a>(&'a self, other: &'a Self) -> Option<&'a Self> {
+        match (&self.care, &other.care) {
+            _ if self == other => Some(self),
+            (Care::Refined(rough), Care::Rough) if **rough == *other => Some(self),
+            (Care::Rough, Care::Refined(rough)) if **rough == *self => Some(other),
+            _ => None,
+        }
+    }
+
+    /// Gathers at `texel`. Rays start all over the texel's usable part, so that the value is its mean. Probes of one `set`
+    /// look into the same directions.
+    pub fn gather(source: &Source, footprint: &Footprint, texel: u32, set: u32, settings: &ProbeSettings) -> Self {
         let usable = footprint.usable(texel);
         let view = View { source, usable: &usable, screen: source.start(texel, Side::Front).screen };
         let lamps = source.direct(texel);
-        let mut strata = Strata::new(COARSE, source.groups());
+        let mut strata = Strata::new(COARSE, set, source.groups());
         strata.fill(&view);
+        let width = source.lit.surfels.extent(texel).sqrt();
+        let is_gap = footprint.covered()[texel as usize] && strata.distance() < width;
+        let settings = &if is_gap { settings.in_gap() } else { *settings };
         // What the eye compares is all the light at the texel, not the part gathered here.
         let allowed = |strata: &Strata, sent: f32| {
             settings.tolerance * settings.yardstick(PI * strata.mean() + lamps + sent) / PI
@@ -94,7 +168,7 @@ impl Probe {
             }
         }
         let mut groups = vec![Rgb::ZERO; source.groups()];
-        let sent = source.sent_to(&usable, 0.5 * PI * allowed(&strata, 0.0), &mut groups);
+        let sent = source.sent_to(&usable, set, 0.5 * PI * allowed(&strata, 0.0), &mut groups);
         let tolerance = allowed(&strata, sent.irradiance.element_sum() / 3.0);
         for _ in 0..ROUNDS {
             let counts = allot(&strata.spread(), tolerance, settings.extra);
@@ -108,9 +182,10 @@ impl Probe {
         Self {
             irradiance: sent.irradiance + strata.irradiance(),
             groups: groups.into(),
-            distance: strata.first_rays() as f32 / strata.inverse.max(1e-12),
+            distance: strata.distance(),
             error: (PI * variance.sqrt() / strata.len() as f32).hypot(sent.error),
             rays: strata.rays + sent.rays,
+            care: Care::Full,
         }
     }
 }
@@ -151,6 +226,8 @@ impl Stratum {
 struct Strata {
     /// Along a side of the square.
     side: usize,
+    /// Number of the directions.
+    set: u32,
     all: Vec<Stratum>,
     /// Sums of radiance by light group, W/(m²·sr).
     groups: Grouped,
@@ -163,33 +240,33 @@ struct Strata {
 }
 
 impl Strata {
-    fn new(side: usize, groups: usize) -> Self {
+    fn new(side: usize, set: u32, groups: usize) -> Self {
         let count = side * side;
         let (all, groups) = (vec![Stratum::default(); count], Grouped::new(groups, count));
-        Self { side, all, groups, filled: 0, inverse: 0.0, rays: 0 }
+        Self { side, set, all, groups, filled: 0, inverse: 0.0, rays: 0 }
     }
 
     fn len(&self) -> usize {
         self.all.len()
     }
 
-    /// First rays, one to a stratum.
-    fn first_rays(&self) -> u32 {
-        self.filled
+    /// Harmonic mean distance to what first rays met, metres.
+    fn distance(&self) -> f32 {
+        self.filled as f32 / self.inverse.max(1e-12)
     }
 
-    /// All probes share their first directions: noise that is the same everywhere is not seen.
-    fn sequence() -> Sequence {
-        Sequence::new(0x9a7e)
+    /// Point `i` of the first directions of a set; those of all sets together are as evenly spread.
+    fn first(&self, i: u32) -> (Vec2, Vec2) {
+        let (sequence, i) = (Sequence::new(0x9a7e), self.set * (FINE * FINE) as u32 + i);
+        (sequence.first(i), sequence.second(i))
     }
 
     /// Casts the first rays that are lacking: so many points of the sequence as there are strata have one in each.
     fn fill(&mut self, view: &View) {
-        let sequence = Self::sequence();
         for i in self.filled..self.len() as u32 {
-            let u = sequence.first(i);
+            let (u, place) = self.first(i);
             let s = self.at(u);
-            let seen = view.cast(u, sequence.second(i), 1.0 / self.len() as f32, self.groups.of_mut(s));
+            let seen = view.cast(u, place, 1.0 / self.len() as f32, self.groups.of_mut(s));
             self.all[s].add(seen.radiance);
             self.inverse += 1.0 / seen.distance.max(1e-6);
             self.rays += seen.rays;
@@ -199,10 +276,9 @@ impl Strata {
 
     /// The finer strata with the first rays cast so far.
     fn finer(&self) -> Self {
-        let sequence = Self::sequence();
-        let mut finer = Self::new(FINE, self.groups.groups());
+        let mut finer = Self::new(FINE, self.set, self.groups.groups());
         for i in 0..self.filled {
-            let u = sequence.first(i);
+            let (u, _) = self.first(i);
             let (from, to) = (self.at(u), finer.at(u));
             finer.all[to] = self.all[from];
             finer.groups.of_mut(to).copy_from_slice(self.groups.of(from));
@@ -212,7 +288,7 @@ impl Strata {
 
     /// Casts rays into stratum `s` until it has `count`.
     fn look_closer(&mut self, view: &View, s: usize, count: u32) {
-        let sequence = Sequence::new(hash2(s as u32, 0x57a7));
+        let sequence = Sequence::new(hash3(s as u32, self.set, 0x57a7));
         let share = 1.0 / (count as f32 * self.len() as f32);
         for i in self.all[s].count..count {
             let u = self.place(s, sequence.first(i));
@@ -329,6 +405,21 @@ mod tests {
 
     const SIDE: usize = FINE;
     const STRATA: usize = SIDE * SIDE;
+
+    #[test]
+    fn the_further_of_two_probes_of_a_texel_is_taken() {
+        let full = Probe { irradiance: Rgb::ONE, error: 0.1, rays: 100, ..Probe::default() };
+        let rough = Probe { irradiance: Rgb::splat(1.2), error: 0.3, rays: 20, care: Care::Rough, ..Probe::default() };
+        let refined = rough.refined(full.clone());
+        assert_eq!((refined.irradiance, refined.rays), (Rgb::ONE, 120));
+        assert_eq!((refined.first(), refined.told_first(), refined.told()), (&rough, rough.told(), full.told()));
+        assert_eq!(refined.further(&rough), Some(&refined));
+        assert_eq!(rough.further(&refined), Some(&refined));
+        assert_eq!(rough.further(&rough.clone()), Some(&rough));
+        let other = Probe { irradiance: Rgb::splat(1.3), ..rough.clone() };
+        assert_eq!(rough.further(&other), None);
+        assert_eq!(other.further(&refined), None);
+    }
 
     #[test]
     fn a_stratum_does_not_judge_itself() {

@@ -7,7 +7,7 @@ use super::source::Source;
 use super::tally::Sums;
 use crate::accel::{Ray, offset_origin};
 use crate::hierarchy::Side;
-use crate::math::Sequence;
+use crate::math::{Sequence, hash2};
 use crate::scene::Rgb;
 
 /// Bounds of the rays of a texel to secondary sources.
@@ -26,9 +26,10 @@ pub struct Arrived {
 }
 
 impl Source<'_> {
-    /// What secondary sources bring to a texel: to within about `tolerance`, W/m². `groups` gets the same by light group,
+    /// What secondary sources bring to a texel: to within about `tolerance`, W/m². Texels of one `set` draw
+    /// alike. `groups` gets the same by light group,
     /// and is empty if light is not kept apart.
-    pub fn sent_to(&self, usable: &Usable, tolerance: f32, groups: &mut [Rgb]) -> Arrived {
+    pub fn sent_to(&self, usable: &Usable, set: u32, tolerance: f32, groups: &mut [Rgb]) -> Arrived {
         let LitScene { accel, surfels, hierarchy, .. } = self.lit;
         let Some(secondary) = &self.secondary else { return Arrived::default() };
         // The normals of a bent texel are not known one by one: it may see all around.
@@ -46,7 +47,7 @@ impl Source<'_> {
         let own = |surfel, side| (side == Side::Front).then_some(surfel);
         let level =
             |surfel, side, element| self.sent(own(surfel, side), element, Rgb::ONE, &mut ()).element_sum() / 3.0;
-        let sequence = Sequence::new(0x5ec0);
+        let sequence = Sequence::new(hash2(set, 0x5ec0));
         let cast = |i: u32| {
             let Some(sender) = secondary.draw(hierarchy, surfels, level, &senders, sequence.first(i).x) else { return };
             let from = usable.point(sequence.second(i));

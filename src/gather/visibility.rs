@@ -38,6 +38,8 @@ pub(super) struct Visibility {
     all: Rgb,
     /// Samples of the lamp that were tried.
     pub(super) tried: u32,
+    /// Variance of the unblocked share, if it is known otherwise than by counting samples.
+    known: Option<f32>,
 }
 
 impl Visibility {
@@ -53,10 +55,24 @@ impl Visibility {
         }
     }
 
+    /// An unblocked share that was found otherwise, and the variance of its mean channel.
+    pub(super) fn known(share: Rgb, variance: f32) -> Self {
+        Self { open: share, all: Rgb::ONE, tried: 0, known: Some(variance) }
+    }
+
     /// Variance of the unblocked share, mean of channels: that of stratified samples across an edge falls as n^(−3/2).
     pub(super) fn variance(&self) -> f32 {
+        if let Some(variance) = self.known {
+            return variance;
+        }
         let share = self.share().element_sum() / 3.0;
         (share * (1.0 - share)).max(0.0) / (self.tried.max(1) as f32).powf(1.5)
+    }
+
+    /// The same of samples that fall anywhere: what hides an opening has many edges.
+    pub(super) fn chance(&self) -> f32 {
+        let share = self.share().element_sum() / 3.0;
+        (share * (1.0 - share)).max(0.0) / self.tried.max(1) as f32
     }
 
     /// Unblocked share per channel.

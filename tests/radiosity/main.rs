@@ -10,6 +10,7 @@ mod secondary;
 mod shadowless;
 mod sky;
 mod states;
+mod sunk;
 
 use glam::Vec3;
 use lightkiln::accel::Accel;

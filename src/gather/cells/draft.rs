@@ -1,7 +1,7 @@
 //! How the gathered light looks before its cells are finished: probes so far → irradiance of every texel.
 
 use super::blend::Blend;
-use super::{Cell, NO_PROBE, Probe, Rect, State};
+use super::{Cell, Look, NO_PROBE, Probe, Rect, State};
 use crate::atlas::NO_TEXEL;
 use crate::scene::Rgb;
 use glam::Vec2;
@@ -40,8 +40,8 @@ impl Gathering<'_> {
                 return (owned.iter().map(|&(t, _)| (t, rest[t as usize])).collect(), square);
             };
             let blend = Blend::new(state, &rect);
-            let value = |&(t, p): &(u32, Vec2)| (t, state.told(rect.corners, &blend, p).max(Rgb::ZERO));
-            let square = f64::from(state.likely_error(parent, rect.corners)).powi(2) * owned.len() as f64;
+            let value = |&(t, p): &(u32, Vec2)| (t, state.told(rect.corners, &blend, p, Look::Best).max(Rgb::ZERO));
+            let square = f64::from(state.likely_error(parent, rect.corners, Look::Best)).powi(2) * owned.len() as f64;
             (owned.iter().map(value).collect(), square)
         };
         let guesses: Vec<_> = self.cells.par_iter().map(guess).collect();
