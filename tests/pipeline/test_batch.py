@@ -11,7 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from batches import ALL, MANIFEST, batch, command, openjd, states
+from batches import ALL, LAMP, MANIFEST, batch, command, openjd, states
+from stages import FLOOR, write_stage
 
 
 def test_only_what_changed_is_baked(show: Path) -> None:
@@ -52,6 +53,23 @@ def test_results_and_reports_are_there(show: Path) -> None:
     assert any(a["facts"]["verdict"] == "met" and a["facts"]["error"] < 0.1 for a in data["assets"])
     assert "% met" in page
     assert not list(out.rglob(".*partial*")), "nothing half-done stays behind"
+
+
+def test_direct_and_indirect_light_add_up(show: Path) -> None:
+    floor = FLOOR.replace("(0, 0, 0)]", "(0.8, 0.8, 0.8)]")
+    upright = "(-.025, 0, -.025), (.025, 0, -.025), (.025, .05, -.025), (-.025, .05, -.025)"
+    points = "(-.025, 0, .025), (.025, 0, .025), (.025, 0, -.025), (-.025, 0, -.025)"
+    wall = floor.replace(points, upright).replace('"Floor"', '"Wall"')
+    write_stage(show.parent / "corner.usda", floor + wall + LAMP)
+    mean = {}
+    for light in ("combined", "direct", "indirect"):
+        rule = f'scenes = ["corner.usda"]\nlight = "{light}"'
+        show.write_text(MANIFEST.replace('scenes = ["*.usda", "kit/*.glb"]', rule))
+        assert states(batch("run", show, "--json")) == {"corner": "baked"}
+        report = json.loads((show.parent / "baked" / "corner" / "report.json").read_text())
+        mean[light] = sum(report["atlas"]["pages"][0]["mean"])
+    assert 0 < mean["indirect"] < mean["direct"]
+    assert mean["direct"] + mean["indirect"] == pytest.approx(mean["combined"], rel=0.01)
 
 
 def test_a_failure_is_named_and_the_batch_goes_on(show: Path) -> None:

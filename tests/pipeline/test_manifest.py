@@ -54,6 +54,7 @@ FAULTS = {
     "out_of_range": ('jobs = 0\n[[assets]]\nscenes = ["a.glb"]\n', 1, "jobs", "greater than or equal to 1"),
     "missing": ('[[assets]]\npreset = "x"\n', 1, "`assets.0.scenes` is missing", "add it"),
     "no_preset": ('[[assets]]\nscenes = ["a"]\npreset = "x"\n', 1, "preset `x` does not exist", "none"),
+    "parts": ('[[assets]]\nscenes = ["a"]\ngroups = true\nlight = "direct"\n', 1, "groups", "leave out light"),
     "choice": ('[presets.a]\nquantity = "heat"\n[[assets]]\nscenes = ["a"]\n', 2, "presets.a.quantity", "irradiance"),
 }
 

@@ -76,6 +76,10 @@ class Settings(_Strict):
     groups: Annotated[bool, Field(description="Pages for every light group, and what `lightkiln relight` needs.")] = (
         False
     )
+    light: Annotated[
+        Literal["combined", "direct", "indirect"] | None,
+        Field(description="All light, what comes straight from lamps, or the rest. Not with groups."),
+    ] = None
     audit: Annotated[
         Literal["auto", "thorough", "off"] | None, Field(description="How much to spend on finding the error reached.")
     ] = None
@@ -89,6 +93,12 @@ class Settings(_Strict):
     timeout: Annotated[_Positive | None, Field(description="Seconds after which an attempt ends.")] = None
     usd: UsdOptions = UsdOptions()
     textures: TextureOptions = TextureOptions()
+
+    @model_validator(mode="after")
+    def _one_kind_of_part(self) -> Settings:
+        if self.groups and self.light not in (None, "combined"):
+            raise ValueError("groups are parts of all light; leave out light, or set groups = false")
+        return self
 
 
 class AssetRule(Settings):

@@ -121,6 +121,7 @@ def light_options(settings: Settings, scene: Path) -> list[str]:
         "--resolution": None if laid_out else settings.resolution,
         "--unwrapper": settings.unwrapper,
         "--padding": settings.padding,
+        "--light": settings.light,
     }
     options = [word for key, value in named.items() if value is not None for word in (key, str(value))]
     return [*options, *(["--groups"] if settings.groups else [])]
