@@ -1,6 +1,7 @@
 //! The order of the stages: scene file and settings → results on the disk.
 
 mod effort;
+mod elements;
 mod groups;
 mod keeper;
 mod light;
@@ -15,7 +16,7 @@ mod results;
 mod solve;
 mod tiles;
 
-pub use light::{Lit, TexelPatches, light};
+pub use light::{Lighting, Lit, TexelPatches, light};
 pub use merge::{MergeSettings, merge};
 pub use observer::{Counts, Draft, Found, FoundSoFar, Observer, Refinement, Solution};
 pub use preview::{Preview, preview};
@@ -204,7 +205,9 @@ fn finish(
         Lit { lightmap, state, counts, patches: None }
     } else {
         let first = keeper.first_look(&groups)?;
-        light(&accel, atlas, texels, &groups, settings.error, first.as_ref(), &mut keeper, clock, progress)?
+        let (groups, error, first) = (&groups, settings.error, first.as_ref());
+        let lighting = Lighting { accel: &accel, atlas, texels, groups, error, first, clock, progress };
+        light(&lighting, &mut keeper)?
     };
     let (irradiance, audit) = match keeper.judged.take() {
         Some(judged) if settings.light.is_all() => judged,

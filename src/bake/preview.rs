@@ -1,7 +1,8 @@
 //! A lightmap within seconds: few shadow rays per texel, one bounce solution on coarse elements, no probes. Resolved
 //! scene and texels → irradiance and the error to expect.
 
-use super::light::{elements, hierarchy, lamps, relative};
+use super::elements::{elements, hierarchy, lamps};
+use super::light::relative;
 use super::observer::Counts;
 use crate::accel::Accel;
 use crate::atlas::{Atlas, Texels};

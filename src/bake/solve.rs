@@ -1,7 +1,7 @@
 //! The part of a bake that is done once, before its tiles are gathered on any machines: scene, settings → solution.
 
 use super::keeper::Pace;
-use super::light::solved;
+use super::light::{Lighting, solved};
 use super::observer::{Counts, Draft, Found, FoundSoFar, Observer};
 use super::prepare::{LaidOut, Loaded};
 use super::{BakeError, Solved};
@@ -71,7 +71,9 @@ pub fn solve(path: &Path, settings: &Settings, progress: &dyn Progress) -> Resul
         let written = clock.measure(Stage::Output, || solved::write_solution(folder, head, &solved.found()));
         Ok(written?)
     };
-    let solution = solved(&accel, &atlas, &texels, groups, error, None, &mut halfway, &clock, progress, write)?;
+    let (accel, atlas, texels, clock) = (&accel, &atlas, &texels, &clock);
+    let lighting = Lighting { accel, atlas, texels, groups, error, first: None, clock, progress };
+    let solution = solved(&lighting, &mut halfway, write)?;
     checkpoint::remove(folder);
     if *force {
         solved::remove_foreign_tiles(folder, &solution);

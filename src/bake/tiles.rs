@@ -4,7 +4,7 @@
 //! that were gathered apart merge to the bits of a single bake.
 
 use super::keeper::Pace;
-use super::light::solved;
+use super::light::{Lighting, solved};
 use super::observer::{Found, Observer};
 use super::prepare::{LaidOut, Loaded};
 use super::{BakeError, Solved};
@@ -118,7 +118,8 @@ pub fn gather_tiles(settings: &GatherSettings, progress: &dyn Progress) -> Resul
     };
     let (groups, error) = (&loaded.groups, settings_of(&solution, &settings.folder)?.error);
     let mut given = Given(Some(found));
-    solved(&accel, atlas, texels, groups, error, None, &mut given, &clock, progress, gather)?;
+    let lighting = Lighting { accel: &accel, atlas, texels, groups, error, first: None, clock: &clock, progress };
+    solved(&lighting, &mut given, gather)?;
     progress.report(Stage::Output, 1.0);
     Ok(GatheredTiles { solution, gathered, file: Some(file) })
 }

@@ -26,7 +26,6 @@ pub(super) const CLOSER: u32 = 4;
 const EDGE: u32 = 8;
 /// Share of a lamp that is hidden or seen so little that next door it may seem to be neither.
 const END: f32 = 0.25;
-
 /// Times the rays of a penumbra that a texel casts alone which it casts where it shares what it sees.
 const SPARED: u32 = 2;
 

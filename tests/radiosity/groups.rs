@@ -1,13 +1,12 @@
 //! Light groups: they change nothing, add up, are what their lights give alone, and tell what reflectances do.
 
-use super::rooms::{Baked, Face, Room, baked, baked_with, laid_out, sphere};
+use super::rooms::{Baked, Face, Room, baked, baked_with, laid_out, lit, sphere};
 use super::{cube, grey};
 use glam::Vec3;
 use lightkiln::accel::Accel;
-use lightkiln::bake::{self, Counts, Draft, Found, FoundSoFar, Observer, Refinement};
+use lightkiln::bake::{Counts, Draft, Found, FoundSoFar, Observer, Refinement};
 use lightkiln::gather::{Lightmap, Probe};
-use lightkiln::output::report::StageClock;
-use lightkiln::progress::{Cancelled, Silent};
+use lightkiln::progress::Cancelled;
 use lightkiln::relight::Patches;
 use lightkiln::scene::{Environment, Light, LightGroups, LightShape, Rgb, Scene};
 use std::f32::consts::PI;
@@ -144,10 +143,7 @@ fn groups_outlast_refinements_and_interruptions() {
     let scene = mixed();
     let (atlas, texels) = laid_out(&scene, 12.0);
     let (accel, groups) = (Accel::build(&scene), LightGroups::named(&scene));
-    let bake = |follower: &mut Follower| {
-        let lit = bake::light(&accel, &atlas, &texels, &groups, 0.05, None, follower, &StageClock::start(), &Silent);
-        lit.expect("nobody cancels").lightmap
-    };
+    let bake = |follower: &mut Follower| lit(&accel, (&atlas, &texels), &groups, 0.05, follower).lightmap;
     let mut first = Follower::default();
     let light = bake(&mut first);
     assert!(first.refined && !first.kept.is_empty());
@@ -166,8 +162,7 @@ fn groups_outlast_refinements_and_interruptions() {
 fn patches(scene: &Scene, texels_per_metre: f32) -> Patches {
     let (atlas, texels) = laid_out(scene, texels_per_metre);
     let (accel, groups) = (Accel::build(scene), LightGroups::named(scene));
-    let lit = bake::light(&accel, &atlas, &texels, &groups, 0.02, None, &mut (), &StageClock::start(), &Silent);
-    lit.expect("nobody cancels").patches.expect("there are groups").patches
+    lit(&accel, (&atlas, &texels), &groups, 0.02, &mut ()).patches.expect("there are groups").patches
 }
 
 /// Bounced light changes by `want` if all reflectances change by `factor`: on average to 1 %, and at every patch, which

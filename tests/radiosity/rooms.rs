@@ -3,7 +3,7 @@
 use glam::{Affine3A, Vec2, Vec3};
 use lightkiln::accel::Accel;
 use lightkiln::atlas::{self, Atlas, AtlasSettings, Texels};
-use lightkiln::bake;
+use lightkiln::bake::{self, Lighting, Lit, Observer};
 use lightkiln::gather::Lightmap;
 use lightkiln::output::report::StageClock;
 use lightkiln::progress::Silent;
@@ -135,10 +135,22 @@ pub(crate) fn baked(scene: &Scene, texels_per_metre: f32, error: f32) -> Baked {
 /// The same with light kept apart.
 pub(crate) fn baked_with(scene: &Scene, groups: &LightGroups, texels_per_metre: f32, error: f32) -> Baked {
     let (atlas, texels) = laid_out(scene, texels_per_metre);
-    let (accel, clock) = (Accel::build(scene), StageClock::start());
-    let lit =
-        bake::light(&accel, &atlas, &texels, groups, error, None, &mut (), &clock, &Silent).expect("nobody cancels");
-    Baked { atlas, texels, light: lit.lightmap }
+    let accel = Accel::build(scene);
+    let light = lit(&accel, (&atlas, &texels), groups, error, &mut ()).lightmap;
+    Baked { atlas, texels, light }
+}
+
+/// What the lighting stages end with.
+pub(crate) fn lit(
+    accel: &Accel,
+    (atlas, texels): (&Atlas, &Texels),
+    groups: &LightGroups,
+    error: f32,
+    observer: &mut dyn Observer,
+) -> Lit {
+    let clock = &StageClock::start();
+    let lighting = Lighting { accel, atlas, texels, groups, error, first: None, clock, progress: &Silent };
+    bake::light(&lighting, observer).expect("nobody cancels")
 }
 
 impl Baked {

@@ -1,6 +1,6 @@
 //! Previews, drafts and refinements, held against the finished lightmap of a room.
 
-use super::rooms::{Room, laid_out};
+use super::rooms::{Room, laid_out, lit};
 use super::{cube, grey};
 use glam::Vec3;
 use lightkiln::accel::Accel;
@@ -47,10 +47,8 @@ impl Stage {
     }
 
     fn bake(&self, error: f32, observer: &mut dyn Observer) -> (Lightmap, f64) {
-        let (accel, clock) = (Accel::build(&self.scene), StageClock::start());
         let groups = LightGroups::none(&self.scene);
-        let lit = bake::light(&accel, &self.atlas, &self.texels, &groups, error, None, observer, &clock, &Silent)
-            .expect("nobody cancels");
+        let lit = lit(&Accel::build(&self.scene), (&self.atlas, &self.texels), &groups, error, observer);
         assert_eq!(lit.state.reached, Milestone::Final);
         (lit.lightmap, lit.state.predicted_error)
     }
