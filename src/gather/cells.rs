@@ -22,7 +22,7 @@ use super::tally::Grouped;
 use crate::atlas::{Atlas, NO_TEXEL, Texels};
 use crate::progress::{Cancelled, Counter, Progress, Stage};
 use crate::scene::Rgb;
-use fill::{Filled, Outcome};
+use fill::{Filled, Finished, Outcome};
 use glam::Vec2;
 use judge::Verdict;
 use rayon::prelude::*;
@@ -150,11 +150,11 @@ pub fn indirect(
         cells.retain(|cell| state.owned(cell).iter().any(|&(t, _)| wanted[t as usize]));
     }
     let counter = Counter::new(progress, Stage::Gather, cells.par_iter().map(|cell| state.owned(cell).len()).sum());
-    let (mut finished, mut squared_error) = (Vec::new(), 0.0);
+    let mut finished: Vec<Finished> = Vec::new();
     while !cells.is_empty() {
         let corners: Vec<[u32; 4]> = cells.par_iter().map(|c| state.corners(c)).collect();
         let mut look =
-            |state: &State| watch(&Gathering { state, cells: &cells, irradiance: &irradiance, squared_error });
+            |state: &State| watch(&Gathering { state, cells: &cells, finished: &finished, irradiance: &irradiance });
         state.gather(corners.iter().flatten().copied(), &mut look, progress)?;
         let verdicts: Vec<Verdict> =
             cells.par_iter().zip(&corners).map(|(c, &corners)| state.judge(c, corners, Look::First)).collect();
@@ -180,8 +180,8 @@ pub fn indirect(
             .zip(&verdicts)
             .map(|((cell, &corners), &verdict)| {
                 let outcome = state.settle(cell, corners, verdict);
-                if let Outcome::Done(_, filled) = &outcome {
-                    counter.advance(filled.values.len())?;
+                if let Outcome::Done(Finished { cell, .. }) = &outcome {
+                    counter.advance(state.owned(cell).len())?;
                 }
                 Ok(outcome)
             })
@@ -190,19 +190,21 @@ pub fn indirect(
         for outcome in outcomes {
             match outcome {
                 Outcome::Split(children) => cells.extend(children),
-                Outcome::Done(cell, filled) => {
-                    squared_error += filled.squared_error;
-                    filled.write(&mut irradiance, &mut groups);
-                    finished.push(cell);
-                }
+                Outcome::Done(cell) => finished.push(cell),
             }
         }
     }
-    let mut look = |state: &State| watch(&Gathering { state, cells: &[], irradiance: &irradiance, squared_error });
+    let mut look =
+        |state: &State| watch(&Gathering { state, cells: &[], finished: &finished, irradiance: &irradiance });
     state.smooth(&finished, &mut look, progress)?;
     let filled: Vec<Filled> = finished.par_iter().map(|cell| state.fill(cell)).collect();
     let squared_error = filled.iter().map(|filled| filled.squared_error).sum();
-    filled.iter().for_each(|filled| filled.write(&mut irradiance, &mut groups));
+    for Filled { values, groups: parts, .. } in &filled {
+        for (i, &(texel, value)) in values.iter().enumerate() {
+            irradiance[texel as usize] = value;
+            groups.of_mut(texel as usize).copy_from_slice(parts.of(i));
+        }
+    }
     let rays = state.probes.iter().map(|(_, p)| p.rays as u64).sum();
     Ok(Indirect { irradiance, groups, squared_error, probes: state.probes, rays })
 }
@@ -267,27 +269,17 @@ impl State<'_> {
         look: &mut dyn FnMut(&State),
         progress: &dyn Progress,
     ) -> Result<(), Cancelled> {
-        let mut wanted: Vec<u32> = wanted.filter(|&t| t != NO_TEXEL && self.probe_of[t as usize] == NO_PROBE).collect();
-        wanted.sort_unstable();
-        wanted.dedup();
-        for wanted in wanted.chunks(BATCH) {
-            let kept = &self.kept;
-            let new: Vec<Probe> = wanted
-                .par_iter()
-                .map(|&t| {
-                    // One that was refined counts as such once this gather asks for that.
-                    let first = kept.get(&t).map(|probe| probe.first().clone());
-                    let probe = first.unwrap_or_else(|| self.gathered(t, self.is_rough(t)));
-                    if progress.is_cancelled() { Err(Cancelled) } else { Ok(probe) }
-                })
-                .collect::<Result<_, Cancelled>>()?;
-            for (&t, probe) in wanted.iter().zip(new) {
-                self.probe_of[t as usize] = self.probes.len() as u32;
-                self.probes.push((t, probe));
-            }
-            look(self);
-        }
-        Ok(())
+        let wanted = wanted.filter(|&t| t != NO_TEXEL && self.probe_of[t as usize] == NO_PROBE).collect();
+        let probe = |state: &State, t: u32| {
+            // One that was refined counts as such once this gather asks for that.
+            let first = state.kept.get(&t).map(|probe| probe.first().clone());
+            first.unwrap_or_else(|| state.gathered(t, state.is_rough(t)))
+        };
+        let put = |state: &mut State, t: u32, probe| {
+            state.probe_of[t as usize] = state.probes.len() as u32;
+            state.probes.push((t, probe));
+        };
+        self.in_batches(wanted, probe, put, look, progress)
     }
 
     /// Takes those of the probes `wanted` further that are rough.
@@ -297,22 +289,30 @@ impl State<'_> {
         look: &mut dyn FnMut(&State),
         progress: &dyn Progress,
     ) -> Result<(), Cancelled> {
-        let is_rough = |&t: &u32| t != NO_TEXEL && self.probe(t).care == Care::Rough;
-        let mut wanted: Vec<u32> = wanted.filter(is_rough).collect();
-        wanted.sort_unstable();
-        wanted.dedup();
-        for wanted in wanted.chunks(BATCH) {
-            let refined = |&t: &u32| match progress.is_cancelled() {
-                true => Err(Cancelled),
-                false => Ok(match self.kept.get(&t) {
-                    Some(kept) if kept.care != Care::Rough => kept.clone(),
-                    _ => self.probe(t).refined(self.gathered(t, false)),
-                }),
-            };
-            let new: Vec<Probe> = wanted.par_iter().map(refined).collect::<Result<_, _>>()?;
-            for (&t, probe) in wanted.iter().zip(new) {
-                self.probes[self.probe_of[t as usize] as usize].1 = probe;
-            }
+        let wanted = wanted.filter(|&t| t != NO_TEXEL && self.probe(t).care == Care::Rough).collect();
+        let probe = |state: &State, t: u32| match state.kept.get(&t) {
+            Some(kept) if kept.care != Care::Rough => kept.clone(),
+            _ => state.probe(t).refined(state.gathered(t, false)),
+        };
+        let put = |state: &mut State, t: u32, probe| state.probes[state.probe_of[t as usize] as usize].1 = probe;
+        self.in_batches(wanted, probe, put, look, progress)
+    }
+
+    /// Makes a `probe` for every texel, once, and `put`s them where they belong. `look` is called after every [`BATCH`].
+    fn in_batches(
+        &mut self,
+        mut texels: Vec<u32>,
+        probe: impl Fn(&State, u32) -> Probe + Sync,
+        put: impl Fn(&mut State, u32, Probe),
+        look: &mut dyn FnMut(&State),
+        progress: &dyn Progress,
+    ) -> Result<(), Cancelled> {
+        texels.sort_unstable();
+        texels.dedup();
+        for batch in texels.chunks(BATCH) {
+            let make = |&t: &u32| if progress.is_cancelled() { Err(Cancelled) } else { Ok(probe(self, t)) };
+            let new: Vec<Probe> = batch.par_iter().map(make).collect::<Result<_, _>>()?;
+            batch.iter().zip(new).for_each(|(&t, probe)| put(self, t, probe));
             look(self);
         }
         Ok(())

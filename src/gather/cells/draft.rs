@@ -1,6 +1,7 @@
 //! How the gathered light looks before its cells are finished: probes so far → irradiance of every texel.
 
 use super::blend::Blend;
+use super::fill::Finished;
 use super::{Cell, Look, NO_PROBE, Probe, Rect, State};
 use crate::atlas::NO_TEXEL;
 use crate::scene::Rgb;
@@ -12,8 +13,10 @@ pub struct Gathering<'a> {
     pub(super) state: &'a State<'a>,
     /// Cells that are not finished.
     pub(super) cells: &'a [Cell],
+    /// Those that are.
+    pub(super) finished: &'a [Finished],
+    /// Of texels that are not gathered, W/m².
     pub(super) irradiance: &'a [Rgb],
-    pub(super) squared_error: f64,
 }
 
 impl Gathering<'_> {
@@ -44,10 +47,13 @@ impl Gathering<'_> {
             let square = f64::from(state.likely_error(parent, rect.corners, Look::Best)).powi(2) * owned.len() as f64;
             (owned.iter().map(value).collect(), square)
         };
-        let guesses: Vec<_> = self.cells.par_iter().map(guess).collect();
-        let mut irradiance = self.irradiance.to_vec();
-        let mut squared_error = self.squared_error;
-        for (values, square) in guesses {
+        let known = self.finished.par_iter().map(|cell| {
+            let filled = state.fill(cell);
+            (filled.values, filled.squared_error)
+        });
+        let all: Vec<_> = known.chain(self.cells.par_iter().map(guess)).collect();
+        let (mut irradiance, mut squared_error) = (self.irradiance.to_vec(), 0.0);
+        for (values, square) in all {
             squared_error += square;
             for (texel, value) in values {
                 irradiance[texel as usize] = value;

@@ -13,7 +13,7 @@ const SAG: f32 = 0.28;
 
 pub(super) enum Outcome {
     Split(Vec<Cell>),
-    Done(Finished, Filled),
+    Done(Finished),
 }
 
 /// A cell that needs no further cut.
@@ -34,17 +34,8 @@ pub(super) struct Filled {
     pub(super) squared_error: f64,
 }
 
-impl Filled {
-    pub(super) fn write(&self, irradiance: &mut [Rgb], groups: &mut Grouped) {
-        for (i, &(texel, value)) in self.values.iter().enumerate() {
-            irradiance[texel as usize] = value;
-            groups.of_mut(texel as usize).copy_from_slice(self.groups.of(i));
-        }
-    }
-}
-
 impl State<'_> {
-    /// Splits the cell, or interpolates its texels.
+    /// Splits the cell, or is done with it.
     pub(super) fn settle(&self, cell: &Cell, corners: [u32; 4], verdict: Verdict) -> Outcome {
         let asked = match verdict {
             Verdict::Split => return Outcome::Split(split(cell, corners)),
@@ -57,9 +48,7 @@ impl State<'_> {
             }
             Verdict::Fine => None,
         };
-        let finished = Finished { cell: cell.clone(), corners, asked };
-        let filled = self.fill(&finished);
-        Outcome::Done(finished, filled)
+        Outcome::Done(Finished { cell: cell.clone(), corners, asked })
     }
 
     /// Interpolates the texels of a cell.
