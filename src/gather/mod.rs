@@ -9,6 +9,7 @@ mod emitter_triangle;
 mod emitters;
 mod footprint;
 mod guide;
+mod inside;
 mod lamp;
 mod lit_scene;
 mod look;

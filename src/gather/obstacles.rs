@@ -1,9 +1,9 @@
 //! What covers, crosses or parts a texel, or encloses it: found by short rays from the texel.
 
+use super::inside::Insides;
 use crate::accel::{Accel, Ray, offset_origin};
 use crate::atlas::{Atlas, SurfacePoint, TexelSurface, Texels};
 use crate::math::orthonormal_basis;
-use crate::scene::Scene;
 use glam::{Vec2, Vec3};
 
 /// A texel's square is looked at on a grid of this many cells along a side.
@@ -12,14 +12,6 @@ pub(super) const GRID: u32 = 4;
 pub(super) const MARGIN: f32 = 1e-3;
 /// Cosine of the angle between normals of one texel from which on its surface counts as bent.
 const COS_BENT: f32 = 0.999;
-
-/// True if anything in the scene has an inside, or a back that is no surface.
-fn has_solids(scene: &Scene) -> bool {
-    scene.instances.iter().any(|i| {
-        let mesh = &scene.meshes[i.mesh];
-        mesh.closed || mesh.primitives.iter().any(|p| !scene.materials[p.material].double_sided)
-    })
-}
 
 fn cell_centre(bit: u32) -> Vec2 {
     (Vec2::new((bit % GRID) as f32, (bit / GRID) as f32) + Vec2::splat(0.5)) / GRID as f32
@@ -54,13 +46,12 @@ pub(super) struct View<'a> {
     accel: &'a Accel<'a>,
     atlas: &'a Atlas,
     texels: &'a Texels,
-    /// True if anything in the scene has an inside.
-    has_solids: bool,
+    insides: Insides<'a>,
 }
 
 impl<'a> View<'a> {
     pub(super) fn new(accel: &'a Accel<'a>, atlas: &'a Atlas, texels: &'a Texels) -> Self {
-        Self { accel, atlas, texels, has_solids: has_solids(accel.scene()) }
+        Self { accel, atlas, texels, insides: Insides::new(accel) }
     }
 
     pub(super) fn facts(&self, texel: u32) -> Facts {
@@ -72,8 +63,8 @@ impl<'a> View<'a> {
         let near = near_surface(self.accel, position, normal, width);
         let crossed = near && self.is_crossed(&surface, texel);
         let (mut cells, mut hidden, mut lit) = (on_chart, false, 1.0);
-        if self.has_solids && (near || is_inside(self.accel, position, normal)) {
-            let (free, share) = self.free_cells(&surface, on_chart, crossed);
+        if near || self.insides.shows_backs(position, normal) {
+            let (free, share) = self.free_cells(texel, &surface, on_chart);
             hidden = on_chart != 0 && free == 0;
             (cells, lit) = if free == 0 { (on_chart, 1.0) } else { (free, share) };
         }
@@ -88,8 +79,10 @@ impl<'a> View<'a> {
     /// What a look from the texel's middle tells: whether it lies inside other geometry.
     pub(super) fn glance(&self, texel: u32) -> Facts {
         let t = texel as usize;
-        let (position, normal) = (self.texels.position[t], self.texels.geometric_normal[t]);
-        let hidden = self.has_solids && is_inside(self.accel, position, normal);
+        let (position, geometric_normal) = (self.texels.position[t], self.texels.geometric_normal[t]);
+        let middle = SurfacePoint { position, geometric_normal, shading_normal: self.texels.shading_normal[t] };
+        let hidden =
+            self.insides.shows_backs(position, geometric_normal) && !self.insides.are_reached(&[middle], texel);
         let open = if hidden { 0.0 } else { 1.0 };
         Facts { cells: u16::MAX, bent: false, hidden, lit: 1.0, open, parted: false, crossed: false }
     }
@@ -123,13 +116,18 @@ impl<'a> View<'a> {
     }
 
     /// The cells among `on_chart` of which some is not inside other geometry, and the share of the texel that they hold.
-    fn free_cells(&self, surface: &TexelSurface, on_chart: u16, crossed: bool) -> (u16, f32) {
-        let is_free = |p: &SurfacePoint| !is_inside(self.accel, p.position, p.geometric_normal);
+    fn free_cells(&self, texel: u32, surface: &TexelSurface, on_chart: u16) -> (u16, f32) {
+        let is_free = |p: &SurfacePoint| !self.insides.shows_backs(p.position, p.geometric_normal);
         let bits = || (0..GRID * GRID).filter(|bit| on_chart >> bit & 1 == 1);
-        let middles = bits().filter(|&bit| surface.sample(cell_centre(bit)).is_none_or(|p| is_free(&p)));
-        let mut free = middles.fold(0u16, |mask, bit| mask | 1 << bit);
-        if free == on_chart && !crossed {
-            return (free, 1.0);
+        let (mut free, mut suspects) = (0u16, Vec::new());
+        for bit in bits() {
+            match surface.sample(cell_centre(bit)) {
+                Some(p) if !is_free(&p) => suspects.push(p),
+                _ => free |= 1 << bit,
+            }
+        }
+        if free == on_chart || self.insides.are_reached(&suspects, texel) {
+            return (on_chart, 1.0);
         }
         // What is free of a cell is found by rays; here only whether to send any.
         let mut points = [0u32; (GRID * GRID) as usize];
@@ -198,22 +196,4 @@ fn near_surface(accel: &Accel, position: Vec3, normal: Vec3, reach: f32) -> bool
     let (x, y) = orthonormal_basis(normal);
     let origin = offset_origin(position, normal);
     [x, -x, y, -y].iter().any(|&direction| accel.occluded(&Ray { origin, direction, t_min: 0.0, t_max: reach }))
-}
-
-/// True if most of what is seen from the point is the back of a solid.
-fn is_inside(accel: &Accel, position: Vec3, normal: Vec3) -> bool {
-    let origin = offset_origin(position, normal);
-    let sees_back = |direction: Vec3| {
-        accel.closest(&Ray { origin, direction, t_min: 0.0, t_max: f32::INFINITY }).is_some_and(|hit| {
-            let mesh = accel.scene().instances[hit.instance as usize].mesh;
-            let solid = accel.scene().meshes[mesh].closed
-                || !accel.scene().material_of(mesh, hit.triangle as usize).double_sided;
-            solid && hit.normal.dot(direction) > 0.0 && accel.transmission_at(&hit).is_none()
-        })
-    };
-    if !sees_back(normal) {
-        return false;
-    }
-    let (x, y) = orthonormal_basis(normal);
-    [x, -x, y, -y].iter().filter(|&&side| sees_back((normal + side).normalize())).count() >= 3
 }

@@ -12,9 +12,7 @@ use std::f32::consts::PI;
 
 /// Most panes of one portal.
 pub(super) const MOST_PANES: usize = 8;
-/// Parts of a pane along a side for which the sky's radiance is asked, at most.
-const MOST_PARTS: f32 = 6.0;
-/// Size of such a part over its distance.
+/// Angle that a part of a pane spans along a side for which the sky's radiance is asked once, radians.
 const PART: f32 = 0.5;
 /// Share of a pane's size that a receiver must be in front of it.
 const IN_FRONT: f32 = 1e-3;
@@ -68,17 +66,28 @@ impl Pane {
         at.cmpge(self.low).all() && at.cmple(self.high).all()
     }
 
-    /// Corners relative to `p` of the part of the pane between two points of the unit square.
+    /// Corners relative to `p` of the part of the pane between two points on it.
     fn part(&self, p: Vec3, from: Vec2, to: Vec2) -> [Vec3; 4] {
-        let size = self.high - self.low;
-        [from, Vec2::new(to.x, from.y), to, Vec2::new(from.x, to.y)]
-            .map(|f| self.vector(self.low + f * size, self.plane) - p)
+        [from, Vec2::new(to.x, from.y), to, Vec2::new(from.x, to.y)].map(|at| self.vector(at, self.plane) - p)
+    }
+
+    /// Coordinates along one of its sides between which it spans even angles of at most [`PART`] as seen from `p`: however
+    /// close it is, it falls into few parts.
+    fn cuts(&self, p: Vec3, side: usize) -> Vec<f32> {
+        let at = Self::across(self.axis, p);
+        let aside = (at.clamp(self.low, self.high) - at)[1 - side];
+        let distance = aside.hypot(self.plane - p[self.axis]);
+        let angle = |c: f32| ((c - at[side]) / distance).atan();
+        let (first, last) = (angle(self.low[side]), angle(self.high[side]));
+        let count = ((last - first) / PART).ceil().max(1.0) as u32;
+        let inner = (1..count).map(|i| at[side] + distance * (first + (last - first) * i as f32 / count as f32).tan());
+        std::iter::once(self.low[side]).chain(inner).chain([self.high[side]]).collect()
     }
 
     /// Share of the view from a point with unit normal `n` that it fills, weighted by the cosine.
     pub(super) fn fill(&self, p: Vec3, n: Vec3) -> f32 {
         match self.depth(p) {
-            Some(_) => form_factor::polygon(n, &self.part(p, Vec2::ZERO, Vec2::ONE)),
+            Some(_) => form_factor::polygon(n, &self.part(p, self.low, self.high)),
             None => 0.0,
         }
     }
@@ -144,18 +153,17 @@ impl Portal {
 
     /// The same, part by part, where the sky's radiance changes smoothly.
     fn parts(&self, pane: &Pane, p: Vec3, n: Vec3) -> Rgb {
-        let size = pane.high - pane.low;
-        let parts = (size / (PART * pane.distance(p))).ceil().clamp(Vec2::ONE, Vec2::splat(MOST_PARTS));
+        let [columns, rows] = [0, 1].map(|side| pane.cuts(p, side));
         let mut sum = Rgb::ZERO;
-        for y in 0..parts.y as u32 {
-            for x in 0..parts.x as u32 {
-                let from = Vec2::new(x as f32, y as f32) / parts;
-                let corners = pane.part(p, from, from + 1.0 / parts);
+        for y in rows.windows(2) {
+            for x in columns.windows(2) {
+                let (from, to) = (Vec2::new(x[0], y[0]), Vec2::new(x[1], y[1]));
+                let corners = pane.part(p, from, to);
                 let factor = form_factor::polygon(n, &corners);
                 if factor > 0.0 {
-                    let middle = (corners[0] + corners[2]) * 0.5;
+                    let middle = pane.vector(from.midpoint(to), pane.plane) - p;
                     let direction = middle.normalize_or_zero();
-                    let facing = (size / parts).element_product() * (direction[pane.axis] * pane.outward).max(0.0);
+                    let facing = (to - from).element_product() * (direction[pane.axis] * pane.outward).max(0.0);
                     let solid_angle = (facing / middle.length_squared().max(1e-12)).min(2.0 * PI);
                     sum += self.environment.mean_radiance(direction, solid_angle) * (PI * factor);
                 }
@@ -247,6 +255,21 @@ mod tests {
                 let (got, want) = (portal.unoccluded(p, n).x, by_rays(&portal, p, n));
                 assert!((got / want - 1.0).abs() < 0.01, "{p} {n}: {got} instead of {want}");
             }
+        }
+    }
+
+    #[test]
+    fn a_pane_that_is_almost_touched_shows_the_sky_where_it_is() {
+        let environment =
+            Environment::Gradient { zenith: Rgb::splat(0.5), horizon: Rgb::splat(4.0), ground: Rgb::splat(0.1) };
+        let pane = Pane { axis: 2, outward: -1.0, plane: -2.0, low: Vec2::new(-6.0, -5.0), high: Vec2::new(6.0, 7.0) };
+        let portal = Portal { panes: vec![pane], environment };
+        for (p, n) in [
+            (Vec3::new(0.3, 0.2, -1.98), Vec3::new(0.0, 0.7, -0.7).normalize()),
+            (Vec3::new(2.0, -1.0, -1.9), Vec3::NEG_Z),
+        ] {
+            let (got, want) = (portal.unoccluded(p, n).x, by_rays(&portal, p, n));
+            assert!((got / want - 1.0).abs() < 0.01, "{p} {n}: {got} instead of {want}");
         }
     }
 

@@ -18,7 +18,10 @@ const SAMPLES_PER_TEXEL: f32 = 2.0;
 /// Resistance to change of a texel that no chart covers, relative to a lookup, and what full coverage adds to it: what
 /// was baked weighs more than what was only filled in.
 const EMPTY_WEIGHT: f64 = 0.01;
-const COVERED_WEIGHT: f64 = 0.1;
+const COVERED_WEIGHT: f64 = 3.0;
+
+/// Share of its value by which a baked texel may change: what is left of a jump shows less than a texel that is wrong.
+const MOST_CHANGE: f32 = 0.3;
 
 /// Share of the differences around a lookup, within three texels on each side, by which the sides may disagree because
 /// they are sampled at different points of one slope. What jumps more than that is light that really changes at the
@@ -131,7 +134,11 @@ impl Map<'_> {
         let value = |x: DVec3, range: &Range| x.as_vec3().max(range.low).min(range.high);
         let changes = places.into_iter().zip(solution).zip(&ranges);
         let change = |((place, x), range): ((Place, DVec3), &Range)| {
-            let value = value(x, range);
+            let mut value = value(x, range);
+            if self.texel(place).is_some() {
+                let own = self.value(place);
+                value = value.clamp(own * (1.0 - MOST_CHANGE), own * (1.0 + MOST_CHANGE));
+            }
             Change { place, value, part: value * self.share(place) }
         };
         changes.map(change).collect()
