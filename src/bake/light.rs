@@ -1,6 +1,6 @@
 //! The order of the lighting stages: resolved scene and texels → irradiance.
 
-use super::effort::{PROBE_ERROR, cell_settings, probe_error};
+use super::effort::{CAREFUL, cell_settings, effort, element_rays};
 use super::elements::{elements, emittance, hierarchy, lamps, mean};
 use super::observer::{Counts, FoundSoFar, Observer, REFINE, Refinement, Solution};
 use crate::accel::Accel;
@@ -28,7 +28,7 @@ const SURVEY_RAYS: u32 = 16;
 /// Shadow rays per lamp of an element that has no texels of its own.
 const ELEMENT_RAYS: u32 = 16;
 /// Rays per element of the first bounce.
-const BOUNCE_RAYS: usize = 24;
+const BOUNCE_RAYS: u32 = 24;
 
 /// Patches that tell how light changes with reflectances.
 pub struct TexelPatches {
@@ -171,7 +171,7 @@ impl Solved<'_> {
 
     /// How finely it is gathered.
     fn cell_settings(&self) -> CellSettings {
-        cell_settings(self.error, self.solution.probe_error, self.mean())
+        cell_settings(self.error, self.solution.effort, self.mean())
     }
 
     /// The probes of all cells that hold a `wanted` texel, by texel. `watch` is called now and then with those so far.
@@ -277,10 +277,11 @@ fn solution(
     progress: &dyn Progress,
 ) -> Result<Solution, Cancelled> {
     let LitScene { accel, surfels, hierarchy: tree, lamps, .. } = *lit;
+    let count = tree.elements.len();
     let sky = |position: Vec3, normal: Vec3, direction: Vec3, solid_angle: f32| {
         lamps.screen(position, normal).sky(position, direction, solid_angle)
     };
-    let survey = solve::survey(accel, surfels, tree, sky, SURVEY_RAYS, progress)?;
+    let survey = solve::survey(accel, surfels, tree, sky, element_rays(SURVEY_RAYS, count), progress)?;
     let exchange = Exchange { hierarchy: tree, surfels, accel };
     let settings = SolveSettings::for_error(error);
     let linked = solve::solve(&exchange, elements, &survey, &settings, progress)?;
@@ -294,20 +295,21 @@ fn solution(
     };
     let by_group: Vec<Vec<Rgb>> = (0..lit.groups.len()).map(of_group).collect::<Result<_, Cancelled>>()?;
     let guess = (linked.irradiance, Grouped::from_groups(&by_group));
-    let bounce = gather::bounce(*lit, &elements.reflectance, guess, BOUNCE_RAYS, progress)?;
+    let bounce =
+        gather::bounce(*lit, &elements.reflectance, guess, element_rays(BOUNCE_RAYS, count) as usize, progress)?;
     let mut counts = Counts::default();
     counts.solver.nodes = tree.nodes.len() as u64;
     counts.solver.elements = tree.elements.len() as u64;
     counts.solver.links = linked.links.len() as u64;
     counts.solver.iterations = linked.iterations;
     counts.rays.insert("link".into(), linked.rays);
-    counts.rays.insert("survey".into(), survey.rays + (BACK_RAYS as usize * tree.elements.len()) as u64);
+    counts.rays.insert("survey".into(), survey.rays + u64::from(element_rays(BACK_RAYS, count)) * count as u64);
     counts.rays.insert("bounce".into(), bounce.rays);
     let source = Source::new(*lit, &bounce.irradiance, &bounce.groups, Some(&bounce.guide));
     let mean = mean(lit, &bounce.irradiance);
-    let (probe_error, tried) = probe_error(&source, lit.footprint, error, lit.direct.noise, mean);
+    let (effort, tried) = effort(&source, lit.footprint, error, lit.direct.noise, mean);
     counts.rays.insert("trial".into(), tried);
-    Ok(Solution { backs, bounce, probe_error, counts })
+    Ok(Solution { backs, bounce, effort, counts })
 }
 
 /// What an audit finds wanting, gathered more finely: the lightmap's direct light in place, the rest anew from what it was.
@@ -338,7 +340,7 @@ fn gather_again(
             atlas,
             texels,
             footprint,
-            &cell_settings(error, PROBE_ERROR, mean),
+            &cell_settings(error, CAREFUL, mean),
             start,
             &mut |_| (),
             progress,

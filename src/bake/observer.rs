@@ -1,6 +1,7 @@
 //! What the lighting stages tell whoever follows them: what they have found, how the lightmap looks by now, and what an
 //! interrupted bake had found before.
 
+use super::effort::Effort;
 use crate::gather::{Bounce, Direct, Lightmap, Probe};
 use crate::output::State;
 use crate::output::report::SolverFacts;
@@ -28,8 +29,8 @@ pub struct Solution {
     pub backs: Vec<bool>,
     /// Irradiance of all receivers.
     pub bounce: Bounce,
-    /// Standard error of a probe, in errors of the lightmap.
-    pub probe_error: f32,
+    /// What is asked of probes.
+    pub effort: Effort,
     /// What it took.
     pub counts: Counts,
 }

@@ -71,8 +71,8 @@ pub fn bounce(
         .map(|Task { elements, fixed, hits, origins }| {
             let mut glances = Vec::with_capacity(hits.len());
             for (((e, fixed), hits), origins) in elements.zip(fixed).zip(hits.chunks_mut(rays)).zip(origins) {
-                let node = tree.elements[e as usize].node;
-                let from = |u| tree.sample(surfels, node, u);
+                let sampler = tree.sampler(surfels, e);
+                let from = |u| sampler.draw(u);
                 *fixed = cast(&direct_only, hash2(e, 0xe1e3), from, hits, origins, |glance| glances.push(glance));
             }
             if progress.is_cancelled() { Err(Cancelled) } else { Ok(Guide::bright(&glances)) }

@@ -37,7 +37,7 @@ pub use guide::Guide;
 pub use lamp::Lamp;
 pub use lit_scene::{LitScene, shut_texels};
 pub use openings::Portals;
-pub use probe::{Probe, ProbeSettings};
+pub use probe::{FewestRays, Probe, ProbeSettings};
 pub use smooth::{Smooth, smooth};
 pub use source::Source;
 pub use tally::Grouped;

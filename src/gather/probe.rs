@@ -16,8 +16,7 @@ use glam::Vec2;
 use serde::{Deserialize, Serialize};
 use std::f32::consts::PI;
 
-/// Strata along a side of the square that maps to the hemisphere: first, and where many rays are wanted.
-const COARSE: usize = 8;
+/// Strata along a side of the square that maps to the hemisphere, where many rays are wanted.
 const FINE: usize = 16;
 /// Rays from which on many are wanted.
 const DEMANDING: u32 = 128;
@@ -33,9 +32,30 @@ const GAP: f32 = 2.0;
 /// Times that rays are shared out.
 const ROUNDS: u32 = 2;
 
+/// Rays that a probe casts at least: one in each stratum that it starts with.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum FewestRays {
+    /// 16, which tell little of what is small.
+    Few,
+    /// 64.
+    Many,
+}
+
+impl FewestRays {
+    /// Strata along a side of the square that maps to the hemisphere.
+    fn side(self) -> usize {
+        match self {
+            FewestRays::Few => 4,
+            FewestRays::Many => 8,
+        }
+    }
+}
+
 /// How many rays a probe casts.
 #[derive(Clone, Copy, Debug)]
 pub struct ProbeSettings {
+    /// Rays before it is known where more are wanted.
+    pub fewest: FewestRays,
     /// Most rays on top of one per stratum.
     pub extra: u32,
     /// Standard error at which a probe is content, relative to the [yardstick](Self::yardstick) of all light at it.
@@ -144,7 +164,7 @@ impl Probe {
         let usable = footprint.usable(texel);
         let view = View { source, usable: &usable, screen: source.start(texel, Side::Front).screen };
         let lamps = source.direct(texel);
-        let mut strata = Strata::new(COARSE, set, source.groups());
+        let mut strata = Strata::new(settings.fewest.side(), set, source.groups());
         strata.fill(&view);
         let width = source.lit.surfels.extent(texel).sqrt();
         let is_gap = footprint.covered()[texel as usize] && strata.distance() < width;

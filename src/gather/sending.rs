@@ -35,7 +35,7 @@ impl Source<'_> {
         // The normals of a bent texel are not known one by one: it may see all around.
         let bend = if usable.is_bent { 1.0 } else { 0.0 };
         let receiver = Receiver { position: usable.centre.position, normal: usable.centre.shading_normal, bend };
-        let senders = secondary.senders(&receiver);
+        let senders = secondary.senders(receiver);
         let total = senders.total();
         if total <= 0.0 {
             return Arrived::default();
@@ -49,7 +49,7 @@ impl Source<'_> {
             |surfel, side, element| self.sent(own(surfel, side), element, Rgb::ONE, &mut ()).element_sum() / 3.0;
         let sequence = Sequence::new(hash2(set, 0x5ec0));
         let cast = |i: u32| {
-            let Some(sender) = secondary.draw(hierarchy, surfels, level, &senders, sequence.first(i).x) else { return };
+            let Some(sender) = senders.draw(hierarchy, surfels, level, sequence.first(i).x) else { return };
             let from = usable.point(sequence.second(i));
             let normal = hierarchy.normal(surfels, sender.surfel, sender.side);
             let to = offset_origin(surfels.position(sender.surfel), normal);

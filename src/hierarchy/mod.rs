@@ -86,6 +86,23 @@ pub struct Hierarchy {
 /// Marks a surfel side that has no element.
 pub const NO_ELEMENT: u32 = u32::MAX;
 
+/// Draws surfels of one element.
+pub struct ElementSampler {
+    first: u32,
+    side: Side,
+    /// Running sums of areas, m².
+    cumulative: Vec<f32>,
+}
+
+impl ElementSampler {
+    /// The surfel that `u` in 0..1 draws, with its side.
+    pub fn draw(&self, u: f32) -> (u32, Side) {
+        let target = u * self.cumulative.last().copied().unwrap_or(0.0);
+        let index = self.cumulative.partition_point(|&sum| sum <= target).min(self.cumulative.len().saturating_sub(1));
+        (self.first + index as u32, self.side)
+    }
+}
+
 impl Hierarchy {
     /// True if node `n` is an element.
     pub fn is_leaf(&self, n: u32) -> bool {
@@ -136,6 +153,21 @@ impl Hierarchy {
             }
         }
         (element.surfels.end - 1, element.side)
+    }
+
+    /// What draws surfels of element `e` with probability proportional to their area, many times.
+    pub fn sampler(&self, surfels: &Surfels, e: u32) -> ElementSampler {
+        let element = &self.elements[e as usize];
+        let mut sum = 0.0;
+        let running = |s| {
+            sum += surfels.area(s);
+            sum
+        };
+        ElementSampler {
+            first: element.surfels.start,
+            side: element.side,
+            cumulative: element.surfels.clone().map(running).collect(),
+        }
     }
 
     /// True if some part of element `e` is not stood on.

@@ -75,9 +75,30 @@ const fn directions() -> [[u32; 32]; 4] {
     out
 }
 
+/// The first points of every dimension: most indices are small.
+static POINTS: [[u32; POINT_COUNT]; 4] = points();
+const POINT_COUNT: usize = 256;
+
+const fn points() -> [[u32; POINT_COUNT]; 4] {
+    let directions = directions();
+    let mut out = [[0; POINT_COUNT]; 4];
+    let mut d = 0;
+    while d < 4 {
+        let mut i = 1;
+        while i < POINT_COUNT {
+            // What its lowest bit adds to the point without it.
+            out[d][i] = out[d][i & (i - 1)] ^ directions[d][i.trailing_zeros() as usize];
+            i += 1;
+        }
+        d += 1;
+    }
+    out
+}
+
 /// Coordinate `dimension` of Sobol point `index`, as a 32-bit fraction.
 fn sobol(dimension: usize, mut index: u32) -> u32 {
-    let mut x = 0;
+    let mut x = POINTS[dimension][index as usize % POINT_COUNT];
+    index -= index % POINT_COUNT as u32;
     while index != 0 {
         x ^= DIRECTIONS[dimension][index.trailing_zeros() as usize];
         index &= index - 1;

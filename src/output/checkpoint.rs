@@ -17,7 +17,7 @@ const NAME: &str = "checkpoint.lk";
 /// What the first line begins with.
 const MAGIC: &str = "lightkiln checkpoint ";
 /// Version of the content.
-const FORMAT: u32 = 3;
+const FORMAT: u32 = 4;
 
 /// Why a checkpoint is not used.
 #[derive(Debug, Error)]

@@ -106,10 +106,10 @@ fn look(
     start: impl Fn(u32, Vec2) -> Vec3,
     mut visit: impl FnMut((Vec3, Vec3), Vec3, Option<Rgb>, Option<(&Hit, Side)>),
 ) {
-    let node = tree.elements[element as usize].node;
+    let sampler = tree.sampler(surfels, element);
     let sequence = Sequence::new(hash2(element, 0x5ee));
     for i in 0..rays {
-        let (surfel, side) = tree.sample(surfels, node, sequence.second(i).x);
+        let (surfel, side) = sampler.draw(sequence.second(i).x);
         let normal = tree.normal(surfels, surfel, side);
         let direction = cosine_hemisphere(normal, sequence.first(i));
         let inside = Vec2::new(sequence.second(i).y, unit_float(hash3(element, i, 0x1d5)));

@@ -152,7 +152,7 @@ fn holes_and_glass_neither_lose_nor_make_light() {
         let b = baked(&scene, 24.0, 0.01);
         let miss = |i: usize| (b.light.combined[i] / PI - Rgb::ONE).abs().max_element();
         let worst = (0..b.texels.len()).map(miss).fold(0.0, f32::max);
-        assert!(worst < 0.005, "{name}: {worst}");
+        assert!(worst < 0.01, "{name}: {worst}");
         check_paths(&scene, &b, &(0..b.texels.len()).collect::<Vec<_>>(), 0.002, |_| PI);
     }
 }
