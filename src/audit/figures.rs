@@ -7,7 +7,7 @@
 
 use super::mean_channel;
 use super::rounds::{AuditedTexel, ESTIMATES};
-use crate::scene::Scene;
+use crate::scene::{Rgb, Scene};
 use serde::Serialize;
 use std::collections::BTreeMap;
 
@@ -62,15 +62,16 @@ pub(super) struct Moment {
 
 /// Squared error of a texel without the noise of its truth, mean of channels.
 pub(super) fn squared_error(t: &AuditedTexel) -> f64 {
-    (0..3).map(|c| channel(t, c).0).sum::<f64>() / 3.0
+    (0..3).map(|c| channel(t, &t.estimates, c).0).sum::<f64>() / 3.0
 }
 
-/// Of one channel: the mean of (L − a)(L − b) over all pairs of estimates, and the variance of one estimate.
-fn channel(t: &AuditedTexel, c: usize) -> (f64, f64) {
-    let misses = t.estimates.map(|e| f64::from(t.baked[c] - e[c]));
-    let (sum, squares) = misses.iter().fold((0.0, 0.0), |(s, q), m| (s + m, q + m * m));
-    let pairs = (sum * sum - squares) / (COUNT * (COUNT - 1.0));
-    (pairs, (squares - sum * sum / COUNT).max(0.0) / (COUNT - 1.0))
+/// Of one channel, by some of the estimates: the mean of (L − a)(L − b) over all their pairs, and the variance of one.
+fn channel(t: &AuditedTexel, estimates: &[Rgb], c: usize) -> (f64, f64) {
+    let count = estimates.len() as f64;
+    let misses = estimates.iter().map(|e| f64::from(t.baked[c] - e[c]));
+    let (sum, squares) = misses.fold((0.0, 0.0), |(s, q), m| (s + m, q + m * m));
+    let pairs = (sum * sum - squares) / (count * (count - 1.0));
+    (pairs, (squares - sum * sum / count).max(0.0) / (count - 1.0))
 }
 
 /// The texel's truth, mean of channels.
@@ -78,12 +79,18 @@ fn truth(t: &AuditedTexel) -> f64 {
     t.estimates.iter().map(|&e| mean_channel(e)).sum::<f64>() / COUNT
 }
 
-/// About the variance of [`squared_error`] by noise: channels are noisy together.
+/// About the variance of [`squared_error`] by noise.
 fn noise(t: &AuditedTexel) -> f64 {
+    noise_by(t, &t.estimates)
+}
+
+/// The same as some of the `estimates` tell it: channels are noisy together.
+pub(super) fn noise_by(t: &AuditedTexel, estimates: &[Rgb]) -> f64 {
+    let count = estimates.len() as f64;
     let of_channel = |c: usize| {
-        let (squared, variance) = channel(t, c);
+        let (squared, variance) = channel(t, estimates, c);
         // The square of an estimated variance is too large by this on average.
-        let fourth = variance * variance * (COUNT - 1.0) / (COUNT + 1.0);
+        let fourth = variance * variance * (count - 1.0) / (count + 1.0);
         (4.0 * squared.max(0.0) * variance / COUNT + 2.0 * fourth / (COUNT * (COUNT - 1.0))).sqrt()
     };
     ((0..3).map(of_channel).sum::<f64>() / 3.0).powi(2)
@@ -219,7 +226,6 @@ pub(super) fn mean(texels: &[AuditedTexel]) -> f64 {
 mod tests {
     use super::*;
     use crate::math::{hash2, unit_float};
-    use crate::scene::Rgb;
 
     /// Texels whose truth is 2 and whose estimates are off by noise of that deviation; `baked` tells the lightmap.
     fn texels(count: u32, deviation: f32, baked: impl Fn(u32) -> f32) -> Vec<AuditedTexel> {

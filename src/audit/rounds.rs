@@ -1,6 +1,9 @@
-//! The sample as it grows: every round doubles its texels or its paths, whichever leaves more doubt.
+//! The sample as it grows: every round doubles its texels or all paths together, whichever leaves more doubt.
+//!
+//! More paths go where noise leaves doubt. How many those of one half of a texel's estimates become is told by the other
+//! half: numbers of paths that hang on what these very paths found would bias the estimates.
 
-use super::figures::Moment;
+use super::figures::{self, Moment};
 use super::path::Tracer;
 use super::sample::{Drawn, Population};
 use crate::accel::Accel;
@@ -13,8 +16,14 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 /// Estimates of a texel's truth: the more, the less noise in the products of pairs, down to √½ of that of two.
 pub const ESTIMATES: usize = 8;
-/// Paths of each estimate at first.
+/// Estimates that have the same number of paths.
+const HALF: usize = ESTIMATES / 2;
+/// Paths of each estimate at first, and what more come in.
 const FIRST_PATHS: u32 = 64;
+/// Times its paths that a texel may get in one round.
+const MOST_TIMES: f64 = 16.0;
+/// Halvings of the interval in which the number of paths is looked for that a round can pay.
+const HALVINGS: u32 = 64;
 /// Paths between two looks at whether the user wants to stop.
 const STEP: usize = 512;
 
@@ -47,8 +56,6 @@ pub(super) struct Rounds<'a> {
     sample: Vec<Traced>,
     /// Draws of texels in the sample.
     draws: u32,
-    /// Paths of each estimate at every texel.
-    paths: u32,
     meter: Meter<'a>,
 }
 
@@ -56,8 +63,8 @@ pub(super) struct Rounds<'a> {
 struct Traced {
     drawn: Drawn,
     sums: [DVec3; ESTIMATES],
-    /// Paths of each estimate.
-    paths: u32,
+    /// Paths of each estimate of either half.
+    paths: [u32; 2],
 }
 
 /// Counts rays and tells how far the audit is.
@@ -79,23 +86,26 @@ impl<'a> Rounds<'a> {
     ) -> Self {
         let tracer = Tracer::new(accel, atlas, texels, seed);
         let meter = Meter { progress, most: most_rays, rays: AtomicU64::new(0) };
-        Self { tracer, atlas, texels, population, seed, sample: Vec::new(), draws: 0, paths: FIRST_PATHS, meter }
+        Self { tracer, atlas, texels, population, seed, sample: Vec::new(), draws: 0, meter }
     }
 
-    /// The next round, given what the last one left in doubt. It casts about as many rays as all before it.
-    pub(super) fn grow(&mut self, doubt: Option<Moment>) -> Result<(), Cancelled> {
+    /// The next round, given the lightmap, `baked` (W/m² per texel), and what the last round left in doubt. It casts no more
+    /// rays than about all before it.
+    pub(super) fn grow(&mut self, baked: &[Rgb], doubt: Option<Moment>) -> Result<(), Cancelled> {
         let is_noisy = doubt.is_some_and(|doubt| doubt.noise > 0.5 * doubt.variance);
-        if self.draws == 0 || !is_noisy && 2 * self.sample.len() <= self.population.size {
+        let wanted = if self.draws == 0 || !is_noisy && 2 * self.sample.len() <= self.population.size {
             for draw in self.draws..(2 * self.draws).max(1) {
                 let drawn = self.population.draw(draw, self.seed).into_iter();
-                self.sample.extend(drawn.map(|drawn| Traced { drawn, sums: [DVec3::ZERO; ESTIMATES], paths: 0 }));
+                self.sample.extend(drawn.map(|drawn| Traced { drawn, sums: [DVec3::ZERO; ESTIMATES], paths: [0; 2] }));
                 self.draws += 1;
             }
+            self.sample.iter().map(|t| t.paths.map(|paths| paths.max(FIRST_PATHS))).collect()
         } else {
-            self.paths *= 2;
-        }
-        let (tracer, meter, paths) = (&self.tracer, &self.meter, self.paths);
-        self.sample.par_iter_mut().filter(|t| t.paths < paths).try_for_each(|t| t.trace(tracer, meter, paths))
+            shared_out(&self.sample, &self.audited(baked))
+        };
+        let (tracer, meter) = (&self.tracer, &self.meter);
+        let (sample, wanted): (_, Vec<[u32; 2]>) = (self.sample.par_iter_mut(), wanted);
+        sample.zip(wanted).try_for_each(|(t, paths)| t.trace(tracer, meter, paths))
     }
 
     /// Rays cast so far.
@@ -103,9 +113,10 @@ impl<'a> Rounds<'a> {
         self.meter.rays.load(Ordering::Relaxed)
     }
 
-    /// Paths per texel, all estimates together.
+    /// Paths per texel, all estimates together: the mean.
     pub(super) fn paths_per_texel(&self) -> u32 {
-        ESTIMATES as u32 * self.paths
+        let all: u64 = self.sample.iter().map(|t| HALF as u64 * u64::from(t.paths[0] + t.paths[1])).sum();
+        (all / self.sample.len().max(1) as u64) as u32
     }
 
     /// The sample beside what the lightmap has, `baked` (W/m² per texel).
@@ -120,19 +131,51 @@ impl<'a> Rounds<'a> {
                 pixel: self.texels.pixel[t],
                 weight: traced.drawn.weight / f64::from(self.draws),
                 baked: baked[t],
-                estimates: traced.sums.map(|sum| (sum / f64::from(traced.paths)).as_vec3()),
+                estimates: traced.estimates(),
             }
         };
         self.sample.iter().map(audited).collect()
     }
 }
 
+/// Paths of either half of every texel's estimates for which the figure's noise falls most: about twice as many as now.
+fn shared_out(sample: &[Traced], audited: &[AuditedTexel]) -> Vec<[u32; 2]> {
+    let now: Vec<[f64; 2]> = sample.iter().map(|t| t.paths.map(f64::from)).collect();
+    // What is left of noise goes about as the inverse of paths: the best numbers of them go as its root times the paths
+    // that it was found with, each half's by the other's.
+    let urge = |(t, now): (&AuditedTexel, &[f64; 2])| {
+        let noise = |half: usize| figures::noise_by(t, &t.estimates[half * HALF..(half + 1) * HALF]);
+        [1, 0].map(|other| (noise(other) * now[other]).sqrt() * t.weight)
+    };
+    let urges: Vec<[f64; 2]> = audited.iter().zip(&now).map(urge).collect();
+    let at = |level: f64, urge: f64, now: f64| (level * urge).clamp(now, MOST_TIMES * now);
+    let pairs = || urges.iter().flatten().zip(now.iter().flatten());
+    let budget = 2.0 * now.iter().flatten().sum::<f64>();
+    let most = pairs().filter(|(urge, _)| **urge > 0.0).map(|(urge, now)| MOST_TIMES * now / urge).fold(0.0, f64::max);
+    let (mut low, mut high) = (0.0, most);
+    for _ in 0..HALVINGS {
+        let level = 0.5 * (low + high);
+        let is_paid = pairs().map(|(&urge, &now)| at(level, urge, now)).sum::<f64>() <= budget;
+        (low, high) = if is_paid { (level, high) } else { (low, level) };
+    }
+    let whole = |paths: f64| (paths / f64::from(FIRST_PATHS)).round() as u32 * FIRST_PATHS;
+    let shared: Vec<[u32; 2]> =
+        urges.iter().zip(&now).map(|(urge, now)| [0, 1].map(|h| whole(at(low, urge[h], now[h])))).collect();
+    // Where no half sees noise in the other, all get more: a round must not be in vain.
+    let is_vain = shared.iter().zip(sample).all(|(&shared, t)| shared == t.paths);
+    if is_vain { sample.iter().map(|t| t.paths.map(|paths| 2 * paths)).collect() } else { shared }
+}
+
 impl Traced {
-    /// Brings all estimates to `paths` paths.
-    fn trace(&mut self, tracer: &Tracer, meter: &Meter, paths: u32) -> Result<(), Cancelled> {
+    /// Brings the estimates of both halves to so many `paths`.
+    fn trace(&mut self, tracer: &Tracer, meter: &Meter, paths: [u32; 2]) -> Result<(), Cancelled> {
+        if paths == self.paths {
+            return Ok(());
+        }
         let footprint = tracer.footprint(self.drawn.texel);
-        for first in (self.paths..paths).step_by(STEP) {
-            for (estimate, sum) in self.sums.iter_mut().enumerate() {
+        for (estimate, sum) in self.sums.iter_mut().enumerate() {
+            let (before, paths) = (self.paths[estimate / HALF], paths[estimate / HALF]);
+            for first in (before..paths).step_by(STEP) {
                 let traced = tracer.paths(&footprint, estimate as u32, first..paths.min(first + STEP as u32));
                 *sum += traced.sum;
                 meter.advance(traced.rays)?;
@@ -140,6 +183,10 @@ impl Traced {
         }
         self.paths = paths;
         Ok(())
+    }
+
+    fn estimates(&self) -> [Rgb; ESTIMATES] {
+        std::array::from_fn(|i| (self.sums[i] / f64::from(self.paths[i / HALF])).as_vec3())
     }
 }
 
@@ -151,5 +198,47 @@ impl Meter<'_> {
         let rays = self.rays.fetch_add(rays, Ordering::Relaxed) + rays;
         self.progress.report(Stage::Audit, (rays as f64 / self.most as f64).min(1.0));
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Texels with the lightmap's value 1 whose estimates in either half are off by so much, up and down in turn.
+    fn texels(off: &[[f32; 2]], paths: u32) -> (Vec<Traced>, Vec<AuditedTexel>) {
+        let drawn = |texel: usize| Drawn { texel: texel as u32, weight: 1.0 };
+        let sign = |i: usize| if i % 2 == 0 { 1.0 } else { -1.0 };
+        let estimates = |off: &[f32; 2]| std::array::from_fn(|i| Rgb::splat(1.0 + sign(i) * off[i / HALF]));
+        let traced = |t: usize| Traced { drawn: drawn(t), sums: [DVec3::ZERO; ESTIMATES], paths: [paths; 2] };
+        let audited = |(t, off): (usize, &[f32; 2])| AuditedTexel {
+            texel: t as u32,
+            instance: 0,
+            page: 0,
+            pixel: [0, 0],
+            weight: 1.0,
+            baked: Rgb::ONE,
+            estimates: estimates(off),
+        };
+        ((0..off.len()).map(traced).collect(), off.iter().enumerate().map(audited).collect())
+    }
+
+    #[test]
+    fn paths_go_where_noise_is_and_the_other_half_says_so() {
+        let mut off = vec![[0.01, 0.01]; 40];
+        (off[3], off[7]) = ([0.3, 0.3], [0.3, 0.0]);
+        let (sample, audited) = texels(&off, 640);
+        let shared = shared_out(&sample, &audited);
+        assert!(shared[3].iter().all(|&paths| paths > 4000), "{shared:?}");
+        assert!(shared[7][0] == 640 && shared[7][1] > 4000, "{shared:?}");
+        assert!(shared.iter().flatten().all(|paths| (640..=640 * 16).contains(paths)));
+        let all: u32 = shared.iter().flatten().sum();
+        assert!(all <= 2 * 80 * 640 + 80 * FIRST_PATHS, "{all}");
+    }
+
+    #[test]
+    fn a_round_is_never_in_vain() {
+        let (sample, audited) = texels(&[[0.0, 0.0]; 5], 64);
+        assert_eq!(shared_out(&sample, &audited), [[128, 128]; 5]);
     }
 }

@@ -49,7 +49,7 @@ pub fn audit(
     let mut rounds = Rounds::new(accel, (atlas, texels), population, settings.seed, settings.most_rays, progress);
     let (mut known, mut doubt) = (None, None);
     for round in 1.. {
-        rounds.grow(doubt)?;
+        rounds.grow(baked, doubt)?;
         let sample = rounds.audited(baked);
         let square = mean_square(&sample.iter().collect::<Vec<_>>(), size as f64);
         let error = narrowed(known, root(&square, deviations(round)));

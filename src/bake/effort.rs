@@ -30,10 +30,10 @@ const REACHED: f32 = 0.7;
 
 /// Elements up to which each casts all its rays, and least share of them.
 const FEW_ELEMENTS: f32 = 65_536.0;
-const LEAST_SHARE: f32 = 0.25;
+const LEAST_SHARE: f32 = 0.5;
 
-/// Rays of each of so many elements, of which there would be `most` if they were few: a point sees the more of them, and
-/// their noise the less, the more they are. All together grow with the root of their number.
+/// Rays of each of so many elements, of which there would be `most` if they were few, for what need not be known well of
+/// each: a point sees the more of them, the more they are.
 pub(super) fn element_rays(most: u32, elements: usize) -> u32 {
     let share = (FEW_ELEMENTS / elements.max(1) as f32).sqrt().clamp(LEAST_SHARE, 1.0);
     (most as f32 * share).round() as u32

@@ -1,6 +1,5 @@
 //! What the radiosity system is made of: scene, texels and lamps → hierarchy, elements with what they send.
 
-use super::effort::element_rays;
 use crate::accel::Accel;
 use crate::atlas::Atlas;
 use crate::gather::{self, Direct, Emission, Grouped, Lamp, Lamps, LitScene};
@@ -19,8 +18,8 @@ pub(super) fn lamps(scene: &Scene, groups: &LightGroups) -> (Emission, Vec<Lamp>
     (emission, lamps)
 }
 
-/// The hierarchy over all fronts, and over those backs that something sees by at most so many rays from every element,
-/// unless it is known which these are. With the backs.
+/// The hierarchy over all fronts, and over those backs that something sees by so many rays from every element, unless
+/// it is known which these are. With the backs.
 pub(super) fn hierarchy(
     accel: &Accel,
     atlas: &Atlas,
@@ -35,7 +34,6 @@ pub(super) fn hierarchy(
         return Ok((build(backs), backs.to_vec()));
     }
     let fronts = build(&vec![false; surfaces.len()]);
-    let rays = element_rays(rays, fronts.elements.len());
     let backs = solve::hidden_backs(accel, atlas, surfels, &fronts, &surfaces, rays, progress)?;
     Ok((if backs.contains(&true) { build(&backs) } else { fronts }, backs))
 }

@@ -28,7 +28,7 @@ const SURVEY_RAYS: u32 = 16;
 /// Shadow rays per lamp of an element that has no texels of its own.
 const ELEMENT_RAYS: u32 = 16;
 /// Rays per element of the first bounce.
-const BOUNCE_RAYS: u32 = 24;
+const BOUNCE_RAYS: usize = 24;
 
 /// Patches that tell how light changes with reflectances.
 pub struct TexelPatches {
@@ -295,15 +295,14 @@ fn solution(
     };
     let by_group: Vec<Vec<Rgb>> = (0..lit.groups.len()).map(of_group).collect::<Result<_, Cancelled>>()?;
     let guess = (linked.irradiance, Grouped::from_groups(&by_group));
-    let bounce =
-        gather::bounce(*lit, &elements.reflectance, guess, element_rays(BOUNCE_RAYS, count) as usize, progress)?;
+    let bounce = gather::bounce(*lit, &elements.reflectance, guess, BOUNCE_RAYS, progress)?;
     let mut counts = Counts::default();
     counts.solver.nodes = tree.nodes.len() as u64;
     counts.solver.elements = tree.elements.len() as u64;
     counts.solver.links = linked.links.len() as u64;
     counts.solver.iterations = linked.iterations;
     counts.rays.insert("link".into(), linked.rays);
-    counts.rays.insert("survey".into(), survey.rays + u64::from(element_rays(BACK_RAYS, count)) * count as u64);
+    counts.rays.insert("survey".into(), survey.rays + (BACK_RAYS as usize * count) as u64);
     counts.rays.insert("bounce".into(), bounce.rays);
     let source = Source::new(*lit, &bounce.irradiance, &bounce.groups, Some(&bounce.guide));
     let mean = mean(lit, &bounce.irradiance);
