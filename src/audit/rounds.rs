@@ -208,7 +208,7 @@ mod tests {
     /// Texels with the lightmap's value 1 whose estimates in either half are off by so much, up and down in turn.
     fn texels(off: &[[f32; 2]], paths: u32) -> (Vec<Traced>, Vec<AuditedTexel>) {
         let drawn = |texel: usize| Drawn { texel: texel as u32, weight: 1.0 };
-        let sign = |i: usize| if i % 2 == 0 { 1.0 } else { -1.0 };
+        let sign = |i: usize| if i.is_multiple_of(2) { 1.0 } else { -1.0 };
         let estimates = |off: &[f32; 2]| std::array::from_fn(|i| Rgb::splat(1.0 + sign(i) * off[i / HALF]));
         let traced = |t: usize| Traced { drawn: drawn(t), sums: [DVec3::ZERO; ESTIMATES], paths: [paths; 2] };
         let audited = |(t, off): (usize, &[f32; 2])| AuditedTexel {
