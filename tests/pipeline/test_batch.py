@@ -154,7 +154,9 @@ def test_an_output_folder_that_cannot_be_is_an_error(show: Path) -> None:
 
 @pytest.mark.skipif(not Path("/proc").is_dir(), reason="finds processes in /proc")
 def test_a_killed_worker_is_tried_again(show: Path) -> None:
-    show.write_text(MANIFEST.replace("jobs = 2", "jobs = 1"))
+    # Bakes that take a while, so that the worker has not finished when it is killed.
+    slow = MANIFEST.replace('error = "10%"', 'error = "2%"').replace("texels_per_metre = 20", "texels_per_metre = 100")
+    show.write_text(slow.replace("jobs = 2", "jobs = 1"))
     running = subprocess.Popen(command("run", show, "--json"), stdout=subprocess.PIPE, text=True)
     assert running.stdout is not None
     killed = False
